@@ -381,3 +381,10 @@ def test_the_logs_of_the_rig():
     assert model.region(0.05).assumption.endswith("; rows lost by chance, not for what they read")
     last = se.identify(data.last_pairs(), checks=False)
     assert last.region(0.05).assumption.endswith("; rows lost by chance, not for what they read")
+
+
+def test_a_column_of_another_rate_is_named(tmp_path):
+    rows = [f"{0.01 * k:.2f},{k},{k if k % 8 == 0 else ''},1" for k in range(41)]
+    (path := tmp_path / "slow.csv").write_text("\n".join(["t,motor,load,u", *rows]) + "\n")
+    with pytest.raises(InputError, match=r"load is in 15% of its rows alone.*log them at one rate"):
+        se.Trajectories.from_csv(path, outputs=["motor", "load"], inputs=["u"], time="t")

@@ -28,6 +28,7 @@ _UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9, "min": 1 / 60, "h": 1 / 3600}
 FEW = 0.1  # share of steps backwards up to which most others are one step of the clock
 ENOUGH = 10  # rows of which it is said that their steps alternate
 ALTERNATING = 0.8  # share of steps as long as the last but one, where those between are not
+SELDOM = 0.6  # a column in fewer rows than this is logged at another rate
 PAUSE = 2**30  # steps that a gap counts at most
 MANY = 0.01  # share of rows lost for their stamps of which a warning speaks
 ENDS = 8  # readings at the end of a sensor's range, at the least
@@ -224,11 +225,19 @@ def _kept(
     kept = np.flatnonzero(there[:-1] & there[1:] & known[:-1] & (np.diff(at) == 1))
     if not len(kept):
         _refuse_empty(run, names)
+        shares = finite.mean(axis=0)
+        rare = int(np.argmin(shares))
+        cure = "leave this run out, if its rows were lost by chance"
+        if shares[rare] < SELDOM:  # as a camera that is slower than an encoder
+            cure = (
+                f"{names[rare]} is in {shares[rare]:.0%} of its rows alone, and a model needs all "
+                "columns in each step: log them at one rate, with inputs that are held as long"
+            )
         raise InputError(
             f"{run.name} has no two complete rows that are one step apart"
             + ("" if dt is None else f", {dt:.6g} s")
             + (f", with an input {delay} steps before them" if delay > 0 else "")
-            + ": leave this run out, if its rows were lost by chance"
+            + f": {cure}"
         )
     given[-1 if delay >= 0 else 0] = True  # acts behind the last state, or before the first one
     lost = absent + int((~there | ~given).sum())

@@ -16,8 +16,8 @@
 //! rest        = spectral wcs(A^p_j S^(1/2), b_j),    b_j >= ||T_x e(j)||.
 //! ```
 //!
-//! Without noise the rest is also that of [`super::second`]. `b_j` is that of [`super::several_steps`], of which the first order is that of the same split of `T_x e(j)`, with a quantile of
-//! its own, where that is smaller. Noise of the
+//! `b_j` is that of [`super::several_steps`], of which the first order is that of the same split of `T_x e(j)`, with a quantile of
+//! its own, where that is smaller. Without noise the rest is also bounded by its second order, see [`super::second`]. Noise of the
 //! run to come adds `sum_p A0^p w` to F, which is independent of it, with s = 1; `drift`, the quantile of
 //! `sum_p (A^p - A0^p) w`, to the mismatch; and `nu_j` to `b_j`.
 

@@ -24,9 +24,13 @@
 //!
 //! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by induction.
 //!
-//! Gaussian noise to come of covariance `<= N` is independent of the data: given them, `n_k = sum_{i<k} A^(k-1-i) w(i)` is
-//! Gaussian of covariance `<= N_k = sum_{p<k} A^p N A^p'`, so that `||P n_k|| <= omega_k` and `||W^(1/2) n_k|| <= nu_k` with
-//! quantiles of [`normal_quantile`], each with its own probability; `e_k` holds `n_k`, hence nu_k in b_k.
+//! From an exact start the last term of `r_k` is also bounded by a weighted small gain, see [`super::weighted`].
+//!
+//! Gaussian noise to come, with what the error of the model makes of it, is apart: see [`super::carried`]. `nu_k` is 0 then,
+//! and `omega_k` the quantile of its bound. Near a reference it is within `b_k`: it has a covariance `<= N` and is independent
+//! of the data, so that, given them, `n_k = sum_{i<k} A^(k-1-i) w(i)` is Gaussian of covariance `<= N_k = sum_{p<k} A^p N A^p'`,
+//! and `||P n_k|| <= omega_k`, `||W^(1/2) n_k|| <= nu_k` with quantiles of [`normal_quantile`], each with its own probability;
+//! `e_k` holds `n_k`, hence `nu_k` in `b_k`.
 
 use crate::control::singular_values;
 use crate::error::{Error, Result};

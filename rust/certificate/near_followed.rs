@@ -12,7 +12,7 @@
 
 use crate::error::{Error, Result};
 use crate::identify::{chi2_upper, covariance_root};
-use crate::memory::{checked_len, room_for_products, try_collect, try_filled, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Entering, times};
 
@@ -52,6 +52,16 @@ pub struct NearRows {
     pub noise: Vec<f64>,
 }
 
+impl NearRows {
+    /// Without a bound behind the first step.
+    fn unbounded(steps: usize, p: usize) -> Result<Self> {
+        let mut model = try_filled(WHAT, f64::INFINITY, checked_len(WHAT, steps + 1, p)?)?;
+        model[..p].fill(0.0);
+        let noise = try_zeros(WHAT, model.len())?;
+        Ok(Self { model, noise })
+    }
+}
+
 /// The closed loop of `(y; x)`, and what its error sees along the plan.
 struct Built {
     a: Vec<f64>,
@@ -74,12 +84,7 @@ impl Pilot {
         stop: &Stop,
     ) -> Result<Option<NearRows>> {
         match self.rows_of(own, reference, event, shares, stop) {
-            Err(Error::Overflow { .. }) => {
-                let len = (own.inputs.len() / own.system.m + 1) * self.n;
-                let mut model = try_filled(WHAT, f64::INFINITY, len)?;
-                model[..self.n].fill(0.0);
-                Ok(Some(NearRows { model, noise: try_zeros(WHAT, len)? }))
-            }
+            Err(Error::Overflow { .. }) => NearRows::unbounded(own.inputs.len() / own.system.m, self.n).map(Some),
             found => found,
         }
     }
@@ -101,19 +106,17 @@ impl Pilot {
         }
         let whole = p + own.x0.len();
         let ways = [self.built(own, &self.h, &self.t)?, self.built(reference, &self.model, &self.t0)?];
-        let mut model = try_filled(WHAT, f64::INFINITY, checked_len(WHAT, steps + 1, p)?)?;
-        model[..p].fill(0.0);
-        let mut noise = try_zeros(WHAT, model.len())?;
+        let NearRows { mut model, mut noise } = NearRows::unbounded(steps, p)?;
         if !self.determined() || !event.covariance.iter().all(|v| v.is_finite()) || !event.spectral.is_finite() {
             return Ok(Some(NearRows { model, noise }));
         }
         let root = covariance_root(&event.covariance, p)?;
-        let mut error = root.clone();
+        let mut error = try_copy(WHAT, &root)?;
         error.extend(product(own.system.noise, &root, whole - p, p, p)?);
         let mut outside = [Powers::new(p, p, steps)?, Powers::new(p, p, steps)?];
         let mut kernel = Powers::new(self.d, p, steps)?;
         for (at, (way, outside)) in ways.iter().zip(&mut outside).enumerate() {
-            let mut moved = error.clone();
+            let mut moved = try_copy(WHAT, &error)?;
             for _ in 0..steps {
                 outside.push(&moved[..p * p])?;
                 if at == 0 {

@@ -165,11 +165,16 @@ impl Pilot {
         let plain = fit(&triangle(of.rows, d + n, threads, stop)?, d + n, d, count, threads, stop)?;
         let apart = try_collect(WHAT, plain.model.iter().zip(&made.h).map(|(a, b)| a - b))?;
         let (rank, white) = (plain.root.len() / d, &plain.root);
-        let mut along = try_zeros(WHAT, checked_len(WHAT, n, rank)?)?; // (H_LS - H) V^(1/2)
-        for (to, row) in along.chunks_exact_mut(rank.max(1)).zip(apart.chunks_exact(d)) {
-            let each = white.chunks_exact(d).map(|v| v.iter().zip(row).map(|(a, b)| a * b).sum::<f64>());
-            to.iter_mut().zip(each).for_each(|(to, v)| *to = v);
-        }
+        // M V^(1/2)
+        let times_root = |of: &[f64]| -> Result<Vec<f64>> {
+            let mut found = try_zeros(WHAT, checked_len(WHAT, of.len() / d, rank)?)?;
+            for (to, row) in found.chunks_exact_mut(rank.max(1)).zip(of.chunks_exact(d)) {
+                let each = white.chunks_exact(d).map(|v| v.iter().zip(row).map(|(a, b)| a * b).sum::<f64>());
+                to.iter_mut().zip(each).for_each(|(to, v)| *to = v);
+            }
+            Ok(found)
+        };
+        let mut along = times_root(&apart)?;
         let beta = match cholesky(&plain.residual, n)? {
             Some(lower) => {
                 for j in 0..rank {
@@ -182,11 +187,7 @@ impl Pilot {
             }
             None => f64::INFINITY,
         };
-        let mut seen = try_zeros(WHAT, checked_len(WHAT, d, rank)?)?; // T V^(1/2)
-        for (to, row) in seen.chunks_exact_mut(rank.max(1)).zip(made.t.chunks_exact(d)) {
-            let each = white.chunks_exact(d).map(|v| v.iter().zip(row).map(|(a, b)| a * b).sum::<f64>());
-            to.iter_mut().zip(each).for_each(|(to, v)| *to = v);
-        }
+        let seen = times_root(&made.t)?;
         let tau = if made.determined() && rank == d { spectral_norm(&seen, d, rank)? } else { f64::INFINITY };
         made.weighted = Some((try_copy(WHAT, &plain.residual)?, beta, tau));
         Ok(made)

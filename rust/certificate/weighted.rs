@@ -18,7 +18,7 @@ use faer::linalg::cholesky::llt::factor::LltError;
 use crate::error::Result;
 use crate::fuse::norm;
 use crate::identify::Symmetric;
-use crate::memory::{checked_len, covered, try_collect, try_filled, try_zeros};
+use crate::memory::{checked_len, covered, try_collect, try_copy, try_filled, try_zeros};
 use crate::parallel::Stop;
 
 use super::carried::square_bytes;
@@ -65,7 +65,7 @@ pub(super) struct Followed<'a> {
 
 /// About the spectral radius of A (n, n), by its powers over this many steps.
 pub(super) fn growth(a: &[f64], n: usize, steps: usize) -> Result<f64> {
-    let (mut power, mut norms) = (try_collect(WHAT, a.iter().copied())?, try_filled(WHAT, 0.0, steps)?);
+    let (mut power, mut norms) = (try_copy(WHAT, a)?, try_filled(WHAT, 0.0, steps)?);
     for to in &mut norms {
         *to = norm(power.iter().copied());
         power = product(a, &power, n, n, n)?;

@@ -13,6 +13,7 @@ use super::solve::{Most, measured};
 use crate::error::Result;
 use crate::memory::{checked_len, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
+use crate::simd::LANES;
 
 const WHAT: &str = "the plans of a loop";
 
@@ -54,6 +55,10 @@ pub(super) struct Dual {
     /// The signal of each entry of v, and the largest |f| of each.
     signal: Vec<usize>,
     units: Vec<f64>,
+    /// By row, padded: its value, and below and above which it is broken, its limits with their rounding.
+    values: Vec<f64>,
+    least: Vec<f64>,
+    most: Vec<f64>,
     /// The active rows, with multipliers and what these would be without signs.
     set: Vec<usize>,
     mu: Vec<f64>,
@@ -96,6 +101,9 @@ impl Dual {
             multipliers: zeros(rows)?,
             signal,
             units: zeros(signals)?,
+            values: zeros(padded(rows))?,
+            least: zeros(padded(rows))?,
+            most: zeros(padded(rows))?,
             set: try_room(WHAT, rows)?,
             mu: zeros(size)?,
             to: zeros(size + 1)?,
@@ -142,7 +150,7 @@ impl Dual {
         let exchange = measured(|| {
             self.aim(false);
             self.moved();
-            std::hint::black_box(self.rows().filter(|row| self.broken(*row).is_some()).count());
+            std::hint::black_box((0..self.side.len()).filter(|row| self.broken(*row).is_some()).count());
             if let Some(row) = self.set.first().copied() {
                 self.leave(0);
                 self.enter(row);
@@ -186,7 +194,8 @@ impl Dual {
         if row < self.size {
             return (self.low[row], self.high[row]);
         }
-        let rate = self.rate[(row - self.size) % self.m];
+        let at = row - self.size;
+        let rate = if at < self.m { f64::INFINITY } else { self.rate[at % self.m] };
         (-rate, rate)
     }
 
@@ -200,13 +209,7 @@ impl Dual {
     }
 
     pub(super) fn unit(&self, row: usize) -> f64 {
-        self.units[self.signal[self.row(row).0]]
-    }
-
-    /// All rows; the rates of the first step are none.
-    fn rows(&self) -> impl Iterator<Item = usize> + use<> {
-        let (size, m) = (self.size, self.m);
-        (0..self.side.len()).filter(move |row| *row < size || *row >= size + m)
+        self.units[self.signal[if row < self.size { row } else { row - self.size }]]
     }
 
     /// Searches from the active limits that `side` names.
@@ -219,15 +222,20 @@ impl Dual {
         for (signal, f) in self.signal.iter().zip(&self.free) {
             self.units[*signal] = self.units[*signal].max(f.abs());
         }
+        let (own, rates) = (self.size, self.size + self.m);
         for row in 0..self.side.len() {
-            let there = (row < self.size || row >= self.size + self.m) && self.limit(row).is_finite();
-            self.side[row] = if self.fixed(row) {
-                1
-            } else if there {
-                self.side[row]
-            } else {
-                0
-            };
+            if row < own || row >= rates && row - rates < self.m {
+                let ((low, high), unit) = (self.limits(row), self.unit(row));
+                self.least[row] = low - ROUNDING * unit.max(low.abs());
+                self.most[row] = high + ROUNDING * unit.max(high.abs());
+            } else if row >= rates {
+                (self.least[row], self.most[row]) = (self.least[row - self.m], self.most[row - self.m]);
+            }
+            if self.fixed(row) {
+                self.side[row] = 1;
+            } else if self.side[row] != 0 && !self.limit(row).is_finite() {
+                self.side[row] = 0;
+            }
         }
         let mut end = self.by_blocks(until)?;
         if end == End::Stuck {
@@ -241,7 +249,7 @@ impl Dual {
     fn face(&mut self, until: Until<'_>) -> Result<bool> {
         let (mut set, mut factor) = (std::mem::take(&mut self.set), std::mem::take(&mut self.factor));
         set.clear();
-        set.extend(self.rows().filter(|row| self.side[*row] != 0));
+        set.extend(self.side.iter().enumerate().filter(|(_, side)| **side != 0).map(|(row, _)| row));
         let column = |j: usize, to: &mut [f64]| {
             to.iter_mut().zip(&set[j..]).for_each(|(to, row)| *to = self.product(set[j], *row));
         };
@@ -298,6 +306,12 @@ impl Dual {
         self.v.copy_from_slice(&self.free);
         let weights = self.weights.iter().enumerate().filter(|(_, w)| **w != 0.0);
         add_lines(&self.table, padded(self.size), weights.map(|(i, w)| (i, -w)), &mut self.v);
+        let (own, rates) = self.values.split_at_mut(self.size);
+        own.copy_from_slice(&self.v[..self.size]);
+        if !self.rate.is_empty() {
+            let changes = self.v[self.m..self.d].iter().zip(&self.v);
+            rates[self.m..].iter_mut().zip(changes).for_each(|(to, (v, before))| *to = v - before);
+        }
     }
 
     fn by_blocks(&mut self, until: Until<'_>) -> Result<End> {
@@ -326,29 +340,38 @@ impl Dual {
     /// Exchanges all rows that are broken or have the wrong sign; how many.
     fn exchange(&mut self) -> usize {
         let mut count = 0;
+        let Self { values, least, most, side, .. } = self;
+        let limits = least.as_chunks::<LANES>().0.iter().zip(most.as_chunks::<LANES>().0);
+        let groups = values.as_chunks::<LANES>().0.iter().zip(limits);
+        for ((v, (least, most)), side) in groups.zip(side.chunks_mut(LANES)) {
+            let broken = |i: usize| (v[i] > most[i]) | (v[i] < least[i]);
+            if !(0..LANES).fold(false, |any, i| any | broken(i)) {
+                continue;
+            }
+            for (i, side) in side.iter_mut().enumerate().filter(|(i, side)| **side == 0 && broken(*i)) {
+                *side = if v[i] > most[i] { 1 } else { -1 };
+                count += 1;
+            }
+        }
         let sized = |(row, mu): (&usize, &f64)| mu.abs() * self.unit(*row);
         let most = self.set.iter().zip(&self.mu).map(sized).fold(0.0, f64::max);
-        let mut next = 0;
-        for row in self.rows() {
-            let side = self.side[row];
-            let now = if side == 0 {
-                self.broken(row).map_or(0, |(side, _)| side)
-            } else {
-                next += 1;
-                let mu = self.mu[next - 1] * f64::from(side) * self.unit(row);
-                if mu < -ROUNDING * most && !self.fixed(row) { 0 } else { side }
-            };
-            count += usize::from(now != side);
-            self.side[row] = now;
+        for (row, mu) in self.set.iter().zip(&self.mu) {
+            let mu = mu * f64::from(self.side[*row]) * self.unit(*row);
+            if mu < -ROUNDING * most && !self.fixed(*row) {
+                self.side[*row] = 0;
+                count += 1;
+            }
         }
         count
     }
 
     /// The limit that a row is beyond, and by how much.
     fn broken(&self, row: usize) -> Option<(i8, f64)> {
-        let ((low, high), v) = (self.limits(row), self.value(&self.v, row));
-        let (side, off, limit) = if v > high { (1, v - high, high) } else { (-1, low - v, low) };
-        (off > ROUNDING * self.unit(row).max(limit.abs())).then_some((side, off))
+        let ((low, high), v) = (self.limits(row), self.values[row]);
+        if v > self.most[row] {
+            return Some((1, v - high));
+        }
+        (v < self.least[row]).then_some((-1, low - v))
     }
 
     /// A further active row; false if it depends on the others, with `D^-1 L^-1` of its products in `own`.
@@ -446,7 +469,7 @@ impl Dual {
     fn one_by_one(&mut self, until: Until<'_>) -> End {
         self.by_factor = false;
         self.set.clear();
-        for row in self.rows() {
+        for row in 0..self.side.len() {
             if self.side[row] != 0 && !self.enter(row) {
                 self.side[row] = 0;
             }
@@ -465,7 +488,7 @@ impl Dual {
                 continue;
             }
             self.moved();
-            let beyond = self.rows().filter(|row| self.side[*row] == 0);
+            let beyond = (0..self.side.len()).filter(|row| self.side[*row] == 0);
             let beyond = beyond.filter_map(|row| self.broken(row).map(|(side, off)| (row, side, off / self.unit(row))));
             let Some((row, side, _)) = beyond.max_by(|one, other| one.2.total_cmp(&other.2)) else {
                 self.aim(true);

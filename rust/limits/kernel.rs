@@ -82,10 +82,24 @@ pub(super) fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
     add([a], [x], y);
 }
 
+/// Entries of rows up to which they stay in the nearest cache, and sums are taken group by group.
+const NEAR: usize = 2048;
+
 /// `out += sum_i w_i row_i` over rows of the length of `out`, from entry `from` on; the `w_i` are `stride` apart.
 #[inline(always)]
 pub(super) fn add_rows(rows: &[f64], weights: &[f64], stride: usize, out: &mut [f64], from: usize) {
     let ld = out.len();
+    if rows.len() <= NEAR {
+        let mut at = from;
+        while at + 2 * LANES <= ld {
+            add_groups::<2>(rows, weights, stride, out, at);
+            at += 2 * LANES;
+        }
+        if at < ld {
+            add_groups::<1>(rows, weights, stride, out, at);
+        }
+        return;
+    }
     let count = rows.len() / ld;
     let out = &mut out[from..];
     let mut i = 0;
@@ -99,6 +113,24 @@ pub(super) fn add_rows(rows: &[f64], weights: &[f64], stride: usize, out: &mut [
         add([weights[i * stride]], [&rows[i * ld + from..(i + 1) * ld]], out);
         i += 1;
     }
+}
+
+/// The `G` groups from entry `at` on of [`add_rows`]: their sums stay in registers.
+#[inline(always)]
+fn add_groups<const G: usize>(rows: &[f64], weights: &[f64], stride: usize, out: &mut [f64], at: usize) {
+    let ld = out.len();
+    let to = &mut out[at..at + G * LANES].as_chunks_mut::<LANES>().0[..G];
+    let mut sums = [[0.0; LANES]; G];
+    sums.copy_from_slice(to);
+    for (row, w) in rows.chunks_exact(ld).zip(weights.iter().step_by(stride)) {
+        let row = &row[at..at + G * LANES].as_chunks::<LANES>().0[..G];
+        for g in 0..G {
+            for l in 0..LANES {
+                sums[g][l] += w * row[g][l];
+            }
+        }
+    }
+    to.copy_from_slice(&sums);
 }
 
 kernel! {

@@ -74,7 +74,9 @@ kernel! {
         let mut sum = 0.0;
         let steps = w.len() / ld;
         for (k, ((w, x), r)) in w.chunks_exact_mut(ld).zip(x.chunks_exact(ld)).zip(reference.chunks_exact(ld)).enumerate() {
-            off.iter_mut().zip(x.iter().zip(r)).for_each(|(off, (x, r))| *off = x - r);
+            for (off, (x, r)) in off.iter_mut().zip(x.iter().zip(r)) {
+                *off = x - r;
+            }
             w.fill(0.0);
             let q = &weights[usize::from(k + 1 == steps)];
             add_rows(q, &off[..q.len() / ld], 1, w, 0);
@@ -95,7 +97,9 @@ kernel! {
             next.copy_from_slice(w);
             add_rows(rows, &p[..n], 1, next, 0);
             std::mem::swap(&mut p, &mut next);
-            g.iter_mut().zip(b.chunks_exact(ld)).for_each(|(g, b)| *g += dot(b, p));
+            for (g, b) in g.iter_mut().zip(b.chunks_exact(ld)) {
+                *g += dot(b, p);
+            }
         }
     }
 }
@@ -465,11 +469,11 @@ impl Pivoting {
     fn judge(&mut self, h: &Horizon, zero: f64) -> Result<()> {
         let (n, m, d, size) = (h.n, h.m, h.steps * h.m, self.dual.low.len());
         let rates = h.task.rate.as_ref();
-        for i in 0..d {
-            let before =
-                rates.map(|(rate, previous)| (if i < m { previous[i] } else { self.now.u[i - m] }, rate[i % m]));
+        for (k, j) in (0..h.steps).flat_map(|k| (0..m).map(move |j| (k * m, j))) {
+            let (i, u) = (k + j, &mut self.now.u);
+            let before = rates.map(|(rate, previous)| (if k == 0 { previous[j] } else { u[i - m] }, rate[j]));
             let within = (self.reach.0[i], self.reach.1[i]);
-            self.now.u[i] = clipped(self.now.u[i], before, within, (h.task.low[i], h.task.high[i]));
+            u[i] = clipped(u[i], before, within, (h.task.low[i], h.task.high[i]));
         }
         let mut objective = self.states_of(h, false);
         let (mut slack, mut excess) = (0.0, 0.0f64);
@@ -504,8 +508,8 @@ impl Pivoting {
         pulled(&lines.rows, &lines.columns[1], w, p, &mut now.g);
         objective += Self::add_inputs(h, &now.u, &mut now.g);
         if let Some((rate, _)) = rates {
-            for i in m..d {
-                let (mu, change) = (dual.multipliers[size + i], now.u[i] - now.u[i - m]);
+            for (i, mu) in dual.multipliers[size..].iter().enumerate().filter(|(_, mu)| **mu != 0.0) {
+                let change = now.u[i] - now.u[i - m];
                 now.g[i] += mu;
                 now.g[i - m] -= mu;
                 slack += 2.0 * mu.abs() * (rate[i % m] - mu.signum() * change).max(0.0);

@@ -113,14 +113,17 @@ impl Within<'_> {
     pub(crate) fn look_ahead(&self, (low, high): Pair<'_>) -> Result<()> {
         let (rate, previous, m) = (self.rate, self.previous, self.rate.len());
         let gap = |l: f64, h: f64| l - h > SLACK * (1.0 + l.abs());
-        for i in (0..low.len()).rev() {
-            if let (Some(&l), Some(&h)) = (low.get(i + m), high.get(i + m)) {
-                low[i] = low[i].max(l - rate[i % m]);
-                high[i] = high[i].min(h + rate[i % m]);
-            }
-            if gap(low[i], high[i]) {
-                let found = format!("input {} of step {}, where {:.3e} are missing", i % m, i / m, low[i] - high[i]);
-                return Err(Error::Value { name: "rate", expected: "enough for the limits of all steps", found });
+        for step in (0..low.len() / m).rev() {
+            for (j, rate) in rate.iter().enumerate() {
+                let i = step * m + j;
+                if let (Some(&l), Some(&h)) = (low.get(i + m), high.get(i + m)) {
+                    low[i] = low[i].max(l - rate);
+                    high[i] = high[i].min(h + rate);
+                }
+                if gap(low[i], high[i]) {
+                    let found = format!("input {j} of step {step}, where {:.3e} are missing", low[i] - high[i]);
+                    return Err(Error::Value { name: "rate", expected: "enough for the limits of all steps", found });
+                }
             }
         }
         for i in 0..m.min(low.len()) {
@@ -136,10 +139,10 @@ impl Within<'_> {
     /// The values that can be reached; where it is one, no limit but this is left of the input, with `width` of rounding.
     pub(crate) fn reach(&self, (low, high): Pair<'_>, inputs: Pair<'_>, width: &mut [f64]) {
         let (rate, previous, m) = (self.rate, self.previous, self.rate.len());
-        for i in 0..low.len() {
-            let (l, h) = if i < m { (previous[i], previous[i]) } else { (low[i - m], high[i - m]) };
-            low[i] = low[i].max(l - rate[i % m]);
-            high[i] = high[i].min(h + rate[i % m]);
+        for (i, (rate, previous)) in (0..low.len()).zip(rate.iter().zip(previous).cycle()) {
+            let (l, h) = if i < m { (*previous, *previous) } else { (low[i - m], high[i - m]) };
+            low[i] = low[i].max(l - rate);
+            high[i] = high[i].min(h + rate);
             if high[i] - low[i] <= SLACK * (1.0 + low[i].abs()) {
                 width[i] = (high[i] - low[i]).abs();
                 let value = low[i].max(inputs.0[i]).min(inputs.1[i]);

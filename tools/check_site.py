@@ -1,7 +1,8 @@
 """Check the built site: python tools/check_site.py [docs/build] [--browser] [--pictures DIR].
 
-Without a browser: every link between pages leads to a page and an anchor that exist, and no page,
-style or script loads anything from another host. With --browser (Chromium): every page loads
+Without a browser: every link between pages leads to a page and an anchor that exist, no page shows
+the markup of a list or a link as text, and no page, style or script loads anything from another
+host. With --browser (Chromium): every page loads
 without an error in the console or a request to elsewhere, is not wider than a phone, and cuts no
 code on a desk; the search leads from usual words to the right pages. With --pictures it also
 writes pictures of pages, wide, narrow and dark.
@@ -37,6 +38,8 @@ LOADED = re.compile(
     r"""|(?:fetch|import|importScripts)\(\s*["'`](?:https?:)?//"""  # scripts
     r"""|\bfrom\s*["'](?:https?:)?//|\.src\s*=\s*["'`](?:https?:)?//"""
 )
+# Markup of a source page that was taken for code or text.
+MARKUP = re.compile(r"\]\(/[\w./-]+\)|\{\.[a-z]+\}|^:{3,}")
 PICTURED = (
     "index",
     "guide",
@@ -56,13 +59,14 @@ PICTURED = (
 
 
 class Page(html.parser.HTMLParser):
-    """Anchors, links and loads of a page."""
+    """Anchors, links and loads of a page, and markup that is its text."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
         self.anchors: set[str] = set()
         self.links: list[str] = []
         self.loads: list[str] = []
+        self.markup: list[str] = []
         self.style = False
         self.feed(text)
 
@@ -84,6 +88,8 @@ class Page(html.parser.HTMLParser):
         """Look into styles and scripts of the page itself."""
         if self.style:
             self.loads += LOADED.findall(data)
+        else:
+            self.markup += MARKUP.findall(data)
 
 
 def is_foreign(address: str) -> bool:
@@ -108,6 +114,8 @@ def faults(site: Path) -> Iterator[str]:
                 yield f"{name} loads {address}, which does not exist"
         if name.startswith("rust/"):
             continue  # its links are rustdoc's
+        for text in page.markup:
+            yield f"{name} shows the markup {text} as text"
         for address in page.links:
             if urlsplit(address).scheme:
                 continue

@@ -134,17 +134,25 @@ fn add_groups<const G: usize>(rows: &[f64], weights: &[f64], stride: usize, out:
 }
 
 kernel! {
-    /// `out = rows v`; `triangular`: row `i` has zeros before column `i`.
-    fn times<'a>(rows: &'a [f64], v: &'a [f64], triangular: bool, out: &'a mut [f64]) -> () {
+    /// `out = rows v`, where row `i` has zeros before column `i`.
+    fn triangular_times<'a>(rows: &'a [f64], v: &'a [f64], out: &'a mut [f64]) -> () {
         for (i, (out, row)) in out.iter_mut().zip(rows.chunks_exact(v.len())).enumerate() {
-            let from = if triangular { group(i) } else { 0 };
-            *out = dot(&row[from..], &v[from..]);
+            *out = dot(&row[group(i)..], &v[group(i)..]);
         }
     }
 }
 
 kernel! {
-    /// `residual = rows v - y` and `out += rows' residual`, a few rows at a time: they are read once. `triangular` as in [`times`].
+    /// `out = sum_i w_i line_i` of lines as long as `out`; of a symmetric matrix its product with `w`, as fast as it is read.
+    fn combined<'a>(lines: &'a [f64], w: &'a [f64], out: &'a mut [f64]) -> () {
+        out.fill(0.0);
+        add_rows(lines, w, 1, out, 0);
+    }
+}
+
+kernel! {
+    /// `residual = rows v - y` and `out += rows' residual`, a few rows at a time: they are read once. `triangular`: row `i`
+    /// has zeros before column `i`.
     fn add_gradient<'a>(
         rows: &'a [f64], v: &'a [f64], y: &'a [f64], triangular: bool, residual: &'a mut [f64], out: &'a mut [f64],
     ) -> () {

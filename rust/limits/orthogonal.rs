@@ -6,7 +6,7 @@
 use super::bounds::Bounds;
 use super::certificate::{Certificate, frank_wolfe};
 use super::dense::Dense;
-use super::kernel::{add_transposed, padded, times};
+use super::kernel::{add_transposed, padded, triangular_times};
 use super::quadratic::{Quadratic, Until};
 use crate::control::pseudoinverse;
 use crate::error::Result;
@@ -262,7 +262,7 @@ impl Quadratic for Orthogonal {
         let work = &mut self.work;
         work.fill(0.0);
         work.iter_mut().zip(u.iter().zip(held)).for_each(|(to, (u, held))| *to = if *held != 0 { *u } else { 0.0 });
-        times(&self.t, work, true, &mut self.residual);
+        triangular_times(&self.t, work, &mut self.residual);
         self.residual.iter_mut().zip(&self.c).for_each(|(v, c)| *v = c - *v);
         self.face = self.upper(held, None, Some(&self.residual), until)?;
         if !self.face.regular() {
@@ -290,7 +290,7 @@ impl Quadratic for Orthogonal {
         let work = &mut self.work;
         work.fill(0.0);
         work[..u.len()].copy_from_slice(u);
-        times(&self.t, work, true, &mut self.residual);
+        triangular_times(&self.t, work, &mut self.residual);
         self.residual.iter_mut().zip(&self.c).for_each(|(v, c)| *v -= c);
         work.fill(0.0);
         add_transposed(&self.t, &self.residual, true, work);

@@ -4,7 +4,7 @@ use super::{Dense, ILL, WHAT};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
 use crate::limits::factor::Factor;
-use crate::limits::kernel::{add_gradient, add_lines, descend, padded, times};
+use crate::limits::kernel::{add_gradient, add_lines, combined, descend, padded};
 use crate::limits::quadratic::{Quadratic, Until};
 use crate::memory::{try_extend, try_room, try_zeros};
 use crate::vector;
@@ -23,7 +23,7 @@ impl Dense {
     pub(crate) fn reserve(&mut self) -> Result<()> {
         if (SMALL..=LARGE).contains(&self.d) {
             (self.inverse, self.spare) = (try_zeros(WHAT, self.h.len())?, try_zeros(WHAT, self.h.len())?);
-            self.centre = try_room(WHAT, self.d)?;
+            self.centre = try_room(WHAT, self.ld)?;
         }
         self.none = try_zeros(WHAT, self.d)?;
         self.beside()
@@ -97,11 +97,11 @@ impl Quadratic for Dense {
                 return Ok(false);
             }
             if self.centre.is_empty() {
-                try_extend(WHAT, &mut self.centre, std::iter::repeat_n(0.0, d))?;
-                times(&self.inverse, &self.f, false, &mut self.centre);
+                try_extend(WHAT, &mut self.centre, std::iter::repeat_n(0.0, ld))?;
+                combined(&self.inverse, &self.f, &mut self.centre);
             }
             let mut v = std::mem::take(&mut self.third);
-            v[..d].copy_from_slice(&self.centre);
+            v.copy_from_slice(&self.centre);
             self.limit(&mut v[..d], |i| u[i]);
             u.copy_from_slice(&v[..d]);
             self.third = v;
@@ -137,8 +137,8 @@ impl Quadratic for Dense {
 
     fn correct(&mut self, v: &mut [f64]) {
         if self.by_inverse {
-            self.second[..v.len()].copy_from_slice(v);
-            times(&self.inverse, &self.second, false, v);
+            combined(&self.inverse, v, &mut self.second);
+            v.copy_from_slice(&self.second[..v.len()]);
             self.limit(v, |_| 0.0);
         } else {
             self.solve_block(v);
@@ -156,10 +156,8 @@ impl Quadratic for Dense {
             g.fill(0.0);
         } else {
             // g = H u - f
-            self.second[..u.len()].copy_from_slice(u);
-            self.second[u.len()..].fill(0.0);
-            times(&self.h, &self.second, false, g);
-            g.iter_mut().zip(&self.f).for_each(|(g, f)| *g -= f);
+            combined(&self.h, u, &mut self.second);
+            g.iter_mut().zip(self.second.iter().zip(&self.f)).for_each(|(g, (of, f))| *g = of - f);
         }
         u.iter().zip(&*g).zip(&self.f).map(|((u, g), f)| u * (g + f)).sum()
     }
@@ -210,8 +208,7 @@ impl Quadratic for Dense {
         let mut v = std::mem::take(&mut self.third);
         v[..self.d].copy_from_slice(e);
         if by_inverse {
-            times(&self.inverse, &v, false, &mut self.second);
-            v.copy_from_slice(&self.second);
+            combined(&self.inverse, e, &mut v);
         } else if by_face {
             self.solve_block(&mut v[..self.d]);
         } else {

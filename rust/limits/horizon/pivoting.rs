@@ -12,7 +12,7 @@ use crate::error::{Error, Result, sized};
 use crate::limits::bounds::Bounds;
 use crate::limits::certificate::{Certificate, NOTHING, frank_wolfe, status};
 use crate::limits::dual::{Dual, End};
-use crate::limits::kernel::{Work, add_lines, add_rows, dot, kernel, padded, times, widest};
+use crate::limits::kernel::{Work, add_lines, add_rows, combined, dot, kernel, padded, widest};
 use crate::limits::linear::least_eigenvalue;
 use crate::limits::quadratic::{Method, Status, Until};
 use crate::limits::rows::{KEPT, Within, clipped};
@@ -125,7 +125,7 @@ impl Judged {
 pub(super) struct Pivoting {
     dual: Dual,
     lines: Lines,
-    /// `(F, g)` in padded lines, and `(x0, 1)`.
+    /// The columns of `(F, g)` in padded lines, and what they are multiplied by, `(x0, 1)`.
     map: Vec<f64>,
     start: Vec<f64>,
     /// The limited entries of `x(1) .. x(K)`.
@@ -172,10 +172,10 @@ impl Pivoting {
             let value = made.inverse[i * (i + 1) / 2 + j];
             (table[i * ld + j], table[j * ld + i]) = (value, value);
         }
-        let mut map = try_zeros(WHAT, checked_len(WHAT, size, padded(n + 1))?)?;
-        for (i, line) in map.chunks_exact_mut(padded(n + 1)).enumerate() {
-            line[..n].copy_from_slice(&made.map[i * n..(i + 1) * n]);
-            line[n] = made.offset[i];
+        let mut map = try_zeros(WHAT, checked_len(WHAT, n + 1, ld)?)?;
+        for i in 0..size {
+            (0..n).for_each(|j| map[j * ld + i] = made.map[i * n + j]);
+            map[n * ld + i] = made.offset[i];
         }
         let mut signal = try_room(WHAT, size)?;
         signal.extend((0..d).map(|i| i % m));
@@ -198,7 +198,7 @@ impl Pivoting {
                 ahead: Vec::new(),
             },
             map,
-            start: zeros(padded(n + 1))?,
+            start: zeros(n + 1)?,
             states,
             least: least_eigenvalue(&h.r, m)?,
             signs: try_filled(WHAT, 0, h.signs())?,
@@ -261,7 +261,7 @@ impl Pivoting {
         sized("x", x0.len(), n)?;
         self.start[..n].copy_from_slice(x0);
         self.start[n] = 1.0;
-        times(&self.map, &self.start, false, &mut self.dual.free[..d + self.states.len()]);
+        combined(&self.map, &self.start, &mut self.dual.free);
         if !self.lines.ahead.is_empty() {
             // H^-1 G' Q (r - reference)
             let Self { lines, w, off, p, residual, e, .. } = &mut *self;

@@ -396,7 +396,7 @@ impl Pilot {
         let (white, root, missing, ratio) = (self.t.as_slice(), self.root.as_slice(), [].as_slice(), self.ratio);
         let of = PartOf { rows: &rows, columns: &columns, white, root, missing, ratio, shape: &shape, factor };
         let region = Region::new(&self.h, n, self.m, [Arc::new(Part::new(of)?)].into(), Some(event.frobenius), false)?;
-        Ok(region.with_noise(if known { Some(try_copy(WHAT, &event.covariance)?) } else { None }))
+        region.with_noise(if known { Some(try_copy(WHAT, &event.covariance)?) } else { None })
     }
 }
 

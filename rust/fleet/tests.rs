@@ -108,3 +108,32 @@ fn limits_of_states_are_kept_or_lack_what_they_lack() {
         }
     }
 }
+
+/// Some of these ended in a panic, the others in an optimum of something else.
+#[test]
+fn units_that_do_not_fit_are_refused_by_every_function() {
+    let (zeros, stop) = ([0.0; 2], Stop::new());
+    let right = scalar(&[1.0, 2.0], &zeros);
+    let limits = Limits { low: &[-1.0], high: &[1.0], ..Limits::default() };
+    for (name, wrong) in [
+        ("A", Units { a: &[0.0], ..right }),
+        ("B", Units { b: &[1.0], ..right }),
+        ("c", Units { c: &[1.0], ..right }),
+        ("x0", Units { x0: &[0.0; 3], ..right }),
+        ("reference", Units { reference: &[], ..right }),
+        ("A", Units { n: 0, ..right }),
+        ("B", Units { b: &[1.0, f64::NAN], ..right }),
+    ] {
+        let run = (1, Until::new(&stop, None));
+        let errors = [
+            worst(&wrong, limits, (&[false; 2], &[]), run).map(drop),
+            least_mean(&wrong, limits, None, 1, &stop).map(drop),
+            misses(&wrong, limits, &[0.5], 1, &stop).map(drop),
+        ];
+        for error in errors {
+            let error = error.unwrap_err().to_string();
+            assert!(error.contains(&format!("`{name}`")), "{name}: {error}");
+        }
+    }
+    assert!(misses(&right, limits, &[], 1, &stop).is_err());
+}

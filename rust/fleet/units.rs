@@ -1,6 +1,6 @@
 //! The units, and what a command does to each of them.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::simd::LANES;
@@ -24,7 +24,7 @@ pub struct Units<'a> {
     pub x0: &'a [f64],
     /// What is wanted of `x(1) .. x(K)`, `(steps, n)`.
     pub reference: &'a [f64],
-    /// `F` with `F'F = Q` of `x(1) .. x(K-1)`, `(rows, n)`, or empty.
+    /// `F` with `F'F = Q` of `x(1) .. x(K-1)`, `(rows, n)`, or empty: a root of a weight, see [`crate::limits::root`].
     pub stage: &'a [f64],
     /// The same of `x(K)`.
     pub terminal: &'a [f64],
@@ -39,10 +39,10 @@ pub struct Units<'a> {
 }
 
 impl<'a> Units<'a> {
-    /// Checks that the lengths fit together.
+    /// Checks that the lengths fit together and that all are numbers, as all that is done with the units does.
     ///
     /// # Errors
-    /// [`Error::Shape`]
+    /// [`Error::Shape`], [`Error::NonFinite`].
     pub fn checked(self) -> Result<Self> {
         let Self { n, m, size, steps, .. } = self;
         let square = checked_len(WHAT, size, checked_len(WHAT, n, n)?)?;
@@ -67,6 +67,10 @@ impl<'a> Units<'a> {
         }
         checked_len(WHAT, steps, m)?;
         checked_len(WHAT, steps, self.stage.len())?;
+        let all = [("A", self.a), ("B", self.b), ("c", self.c), ("x0", self.x0), ("reference", self.reference)];
+        for (name, values) in all.into_iter().chain([("stage", self.stage), ("terminal", self.terminal)]) {
+            require_finite(name, values)?;
+        }
         Ok(self)
     }
 

@@ -2,7 +2,7 @@
 
 use super::program::Pair;
 use super::units::{Units, WHAT};
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::limits::{self, Bounds};
 use crate::memory::{try_collect, try_copy, try_extend, try_filled, try_push, try_zeros};
 use crate::parallel::Stop;
@@ -45,6 +45,7 @@ pub(super) struct Within<'a> {
 
 impl<'a> Within<'a> {
     pub(super) fn new(units: &Units<'_>, given: Limits<'a>) -> Result<Self> {
+        units.checked()?;
         let (d, n, m) = (units.inputs(), units.n, units.m);
         let mut kept = 0.0;
         Bounds::new(given.low, given.high, d)?;
@@ -215,10 +216,11 @@ impl<'a> Within<'a> {
     }
 }
 
-/// The miss of every unit at `u`, and by how much its states leave their limits; nothing where that is rounding.
+/// The miss of every unit at `u` (K, m), without what the inputs cost, and by how much its states leave their limits; nothing
+/// where that is rounding.
 ///
 /// # Errors
-/// As [`Units::misses`].
+/// [`Error::Shape`], and as [`Units::misses`].
 pub fn misses(
     units: &Units<'_>,
     limits: Limits<'_>,
@@ -227,6 +229,7 @@ pub fn misses(
     stop: &Stop,
 ) -> Result<(Vec<f64>, Vec<f64>)> {
     let within = Within::new(units, limits)?;
+    sized("u", u.len(), units.inputs())?;
     let (found, mut excess) = units.misses(u, 0.0, limits.states, threads, stop)?;
     excess.iter_mut().for_each(|v| *v = within.excess(*v));
     Ok((found, excess))

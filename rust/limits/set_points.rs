@@ -686,7 +686,7 @@ impl SetPoints {
             }
             let settled = Mat::from_fn(p, p, |i, j| 0.5 * (settled[(i, j)] + settled[(j, i)]));
             let Ok(root) = settled.llt(Side::Lower) else { return Ok(None) };
-            let known = region.clone().with_noise(Some(listed(&settled)?));
+            let known = region.clone().with_noise(Some(listed(&settled)?))?;
             let Some(gate) = Gate::new(&known, false_alarm)? else { return Ok(None) };
             let white = root.L().partial_piv_lu();
             let last = |i: usize| f64::from(u8::from(self.window.intercept() && i == d - 1));

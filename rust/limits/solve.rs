@@ -265,7 +265,11 @@ pub(super) fn aim(dense: &mut Dense, rows: usize, y: &[f64]) -> Result<()> {
 }
 
 pub(super) fn checked_warm(warm: Option<&[i8]>, d: usize) -> Result<()> {
-    sized("warm", warm.map_or(d, <[i8]>::len), d)
+    sized("warm", warm.map_or(d, <[i8]>::len), d)?;
+    match warm.into_iter().flatten().find(|sign| sign.abs() > 1) {
+        Some(found) => Err(Error::Value { name: "warm", expected: "-1, 0 or 1", found: found.to_string() }),
+        None => Ok(()),
+    }
 }
 
 /// The least `||M u - y||^2 + u' R u` within `bounds`, from the limits that `warm` names.

@@ -58,7 +58,7 @@ impl PyLoop {
         self.inner.with(py, 0.0, |inner, _| inner.about(inputs, states))
     }
 
-    /// Values of inputs that are not chosen (K, m), nan for the others; they count from the next `about` on.
+    /// Values of inputs that are not chosen (K, m), nan for the others.
     fn fix(&self, py: Python<'_>, values: Matrix<'_>) -> PyResult<()> {
         let values = slice("values", &values)?;
         self.inner.with(py, 0.0, |inner, _| inner.fix(values))
@@ -79,10 +79,7 @@ impl PyLoop {
     /// The input that is applied now.
     fn follow(&self, py: Python<'_>, previous: Vector<'_>) -> PyResult<()> {
         let previous = slice("previous", &previous)?;
-        self.inner.with(py, 0.0, |inner, _| {
-            inner.follow(previous);
-            Ok(())
-        })
+        self.inner.with(py, 0.0, |inner, _| inner.follow(previous))
     }
 
     fn warm<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<i8>>>> {

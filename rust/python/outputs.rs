@@ -33,7 +33,7 @@ pub(super) fn entering<'a>((matrix, entering, noise, m): &'a System<'_>) -> PyRe
 /// The same region with a bound of the covariance of its noise.
 pub(super) fn with_noise(region: &Region, covariance: Option<&Matrix<'_>>) -> PyResult<Region> {
     let covariance = covariance.map(|values| slice("covariance", values)).transpose()?;
-    Ok(region.clone().with_noise(covariance.map(|values| try_copy(WHAT, values)).transpose()?))
+    Ok(region.clone().with_noise(covariance.map(|values| try_copy(WHAT, values)).transpose()?)?)
 }
 
 /// The region of `[A B c]`, and the bound of the covariance of its noise.

@@ -100,6 +100,6 @@ impl Region {
             Some(_) => Some(try_filled(WHAT, f64::INFINITY, n * n)?),
             None => None,
         };
-        Ok(region.with_noise(noise))
+        region.with_noise(noise)
     }
 }

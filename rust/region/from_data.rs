@@ -110,7 +110,7 @@ impl Region {
             noise = Some(try_copy(WHAT, known)?);
         }
         let region = Self::new(&estimate.model, n, estimate.m, parts, frobenius, wish.future > 0)?;
-        Ok(region.with_noise(noise))
+        region.with_noise(noise)
     }
 }
 

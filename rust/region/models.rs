@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::fuse::norm;
 use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_copy, try_room, try_zeros};
@@ -80,9 +80,12 @@ impl Region {
     }
 
     /// The same with a bound (n, n) of the covariance of the noise that holds in the same event.
-    #[must_use]
-    pub fn with_noise(self, noise: Option<Vec<f64>>) -> Self {
-        Self { noise, ..self }
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn with_noise(self, noise: Option<Vec<f64>>) -> Result<Self> {
+        sized("noise", noise.as_ref().map_or(self.n * self.n, Vec::len), self.n * self.n)?;
+        Ok(Self { noise, ..self })
     }
 
     /// C (n, d), the middle of the region.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, MatRef, Side};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::identify::chi2_upper;
 use crate::memory::{covered, room_for_products, try_collect, try_collect_all, try_copy, try_extend};
 use crate::vector::dot;
@@ -433,17 +433,21 @@ impl Readings {
         Ok(found)
     }
 
-    /// Take readings in, those with `seen`, or what is predicted in their place, with the input that acted, the bias that was
-    /// found last, and whether the loop has run.
+    /// Take readings in, those with `seen` that are numbers, or what is predicted in their place, with the input that acted, the
+    /// bias that was found last, and whether the loop has run.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::Memory`].
+    /// [`Error::Shape`], [`Error::NonFinite`] for the input or the bias, [`Error::Memory`].
     pub fn step(&mut self, y: &[f64], seen: &[bool], acted: &[f64], bias: &[f64], started: bool) -> Result<Step> {
         let (p, m) = (self.filter.window.outputs(), self.filter.window.inputs());
-        if y.len() != p || seen.len() != p || acted.len() != m || bias.len() != p {
-            let (expected, found) = (format!("{p} entries, and {m} of inputs"), y.len().to_string());
-            return Err(Error::Shape { name: "y", expected, found });
+        for (name, len, expected) in
+            [("y", y.len(), p), ("seen", seen.len(), p), ("acted", acted.len(), m), ("bias", bias.len(), p)]
+        {
+            sized(name, len, expected)?;
         }
+        require_finite("acted", acted)?;
+        require_finite("bias", bias)?;
+        let seen = &try_collect(WHAT, seen.iter().zip(y).map(|(seen, y)| *seen && y.is_finite()))?[..];
         let mut step =
             Step { predicted: None, bias: try_copy(WHAT, bias)?, off: 0.0, believed: false, lost: false, runs: false };
         let mut next = (None, [None, None], self.doubt.clone());

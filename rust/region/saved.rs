@@ -38,7 +38,7 @@ impl Saved for Region {
             try_push(WHAT, &mut parts, Arc::new(take_part(k, from)?))?;
         }
         let region = Self::new(&centre, n, m, parts, frobenius.first().copied(), future == 1)?;
-        Ok(region.with_noise((!noise.is_empty()).then_some(noise)))
+        region.with_noise((!noise.is_empty()).then_some(noise))
     }
 }
 

@@ -192,3 +192,34 @@ fn no_region_is_made_up() {
     );
     assert!(found.is_err()); // a size that bounds the noise must be known
 }
+
+/// It made the bias nan, and with it every later call.
+#[test]
+fn a_reading_that_is_no_number_is_missing() {
+    use crate::window::{Filter, Kind, Window};
+    let window = Window::new(1, 1, Kind::Lags(1), 0, false, 0).unwrap();
+    let theta = [0.9, 0.5];
+    let of = || {
+        let filter = Filter::new(window, &theta, &[0.01], &[0.0], &[1.0, 1.0]).unwrap();
+        let bias = Bias::learned(&[0.5], &[0.1], &[0.01]).unwrap();
+        let aim = Aim { of_bias: vec![-2.0], limits: [vec![0.0], vec![-1.0], vec![1.0]] };
+        Readings::new(filter, &theta, None, bias, aim, 3).unwrap()
+    };
+    let run = |lost: f64, seen: bool| {
+        let (mut readings, mut bias) = (of(), vec![0.0]);
+        for k in 0..9 {
+            let (y, seen) = if k == 5 { (lost, seen) } else { (0.1 * k as f64, true) };
+            let step = readings.step(&[y], &[seen], &[0.2], &bias, k > 2).unwrap();
+            bias = step.bias;
+            assert!(!step.lost && bias[0].is_finite(), "{k} {bias:?}");
+        }
+        bias
+    };
+    assert_eq!(run(f64::NAN, true), run(0.0, false));
+    assert_eq!(run(f64::INFINITY, true), run(0.0, false));
+    let mut readings = of();
+    assert!(readings.step(&[0.0], &[true], &[f64::NAN], &[0.0], true).is_err());
+    assert!(readings.step(&[0.0], &[true], &[0.0], &[f64::NAN], true).is_err());
+    assert!(readings.step(&[0.0], &[], &[0.0], &[0.0], true).unwrap_err().to_string().contains("`seen`"));
+    assert!(readings.start(&[]).is_err() && readings.start(&[f64::NAN]).is_err());
+}

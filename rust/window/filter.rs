@@ -7,7 +7,7 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::memory::{covered, room_for_products, try_collect, try_copy, try_zeros};
 
 use super::shape::{WHAT, Window};
@@ -82,16 +82,17 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// Of a model `theta` (p, d) with `noise` (p, p); of the signals the mean of each output (p), and the range and deviation
-    /// of outputs and inputs together (p + m).
+    /// Of a model `theta` (p, d) with the covariance `noise` of its residuals (p, p); `mean`: of each output (p), taken where a
+    /// first reading is missing; `wide`: by how much each output, then each input, may be off before the first reading, its
+    /// largest value away from the mean for example (p + m).
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`].
     pub fn new(window: Window, theta: &[f64], noise: &[f64], mean: &[f64], wide: &[f64]) -> Result<Self> {
         let (n, p, m) = (window.states(), window.outputs(), window.inputs());
-        if noise.len() != p * p || mean.len() != p || wide.len() != p + m {
-            let expected = format!("{p} x {p} entries, as the mean and the ranges");
-            return Err(Error::Shape { name: "noise", expected, found: noise.len().to_string() });
+        for (name, values, len) in [("noise", noise, p * p), ("mean", mean, p), ("wide", wide, p + m)] {
+            sized(name, values.len(), len)?;
+            require_finite(name, values)?;
         }
         let (of, none) = (window.linear(theta)?, window.linear(&try_zeros(WHAT, theta.len())?)?);
         let (d, k, past) = (window.length(), n + m + usize::from(window.intercept()), window.count() * p);
@@ -161,11 +162,13 @@ impl Filter {
         now.covariance.as_ref().map(|covariance| &self.c * covariance * self.c.transpose())
     }
 
-    /// A window that is known.
+    /// A window that is known, of the state `x` (n).
     ///
     /// # Errors
-    /// [`Error::Memory`].
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`].
     pub fn full(&self, x: &[f64]) -> Result<Contents> {
+        sized("x", x.len(), self.window.states())?;
+        require_finite("x", x)?;
         let (calls, mut read) = (self.window.fill() + 1, try_zeros(WHAT, self.window.outputs())?);
         read.fill(calls);
         let (x, since) = (try_copy(WHAT, x)?, calls);

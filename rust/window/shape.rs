@@ -167,7 +167,7 @@ impl Window {
     }
 
     /// x at the start of a piece: all readings and inputs before it are taken to be the first ones.
-    pub fn start(&self, y: &[f64], u: &[f64], x: &mut [f64]) {
+    pub(crate) fn start(&self, y: &[f64], u: &[f64], x: &mut [f64]) {
         let (past, acting) = x.split_at_mut(self.count() * self.outputs);
         past.chunks_exact_mut(self.outputs).for_each(|to| to.copy_from_slice(y));
         acting.chunks_exact_mut(self.inputs).for_each(|to| to.copy_from_slice(u));
@@ -175,7 +175,7 @@ impl Window {
 
     /// What x differs by from that at rest where outputs and inputs rise by `y` and `u` in a step: `-lag` times these, of filter j
     /// `a / (1 - a) + (j - 1) / (1 - a)`.
-    pub fn ramp(&self, y: &[f64], u: &[f64], x: &mut [f64]) {
+    pub(crate) fn ramp(&self, y: &[f64], u: &[f64], x: &mut [f64]) {
         let (past, acting) = x.split_at_mut(self.count() * self.outputs);
         let (lag, filters) = match self.kind {
             Kind::Lags(_) => ((0.0, 1.0), 0),
@@ -193,7 +193,7 @@ impl Window {
     }
 
     /// `z = J (x; u; one)`.
-    pub fn regressors(&self, x: &[f64], u: &[f64], one: f64, z: &mut [f64]) {
+    pub(crate) fn regressors(&self, x: &[f64], u: &[f64], one: f64, z: &mut [f64]) {
         let (past, acting) = x.split_at(self.count() * self.outputs);
         let (of_outputs, rest) = z.split_at_mut(past.len());
         let (of_inputs, last) = rest.split_at_mut(self.count() * self.inputs);
@@ -215,7 +215,7 @@ impl Window {
     }
 
     /// x one step later, from the reading then and the input now.
-    pub fn advance(&self, x: &mut [f64], y: &[f64], u: &[f64]) {
+    pub(crate) fn advance(&self, x: &mut [f64], y: &[f64], u: &[f64]) {
         let (past, acting) = x.split_at_mut(self.count() * self.outputs);
         match self.kind {
             Kind::Lags(_) => {

@@ -2,8 +2,10 @@
 
 use std::sync::OnceLock;
 
-use crate::error::{Error, Result, require_finite};
-use crate::limits::linear::{only_diagonal, root, times};
+use crate::error::{Error, Result, require_finite, sized};
+use crate::limits::bounds::Bounds;
+use crate::limits::linear::{least_eigenvalue, only_diagonal, root, times};
+use crate::limits::rows::Rows;
 use crate::limits::solve::{Penalty, checked_rows};
 use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_copy, try_extend, try_room, try_zeros};
@@ -22,6 +24,8 @@ const LONG: usize = 250;
 const GROWTH: f64 = 1e4;
 /// From this growth on loops use a table of Riccati's recursion: inputs of the map have lost 3 of 16 digits.
 const STEEP: f64 = 10.0;
+/// What rounding makes of a symmetric weight without eigenvalues below 0, relative to its largest entry.
+const UNEQUAL: f64 = 1e-9;
 /// Factorizations that are usual.
 const FACTORS: usize = 8;
 
@@ -75,6 +79,32 @@ pub struct Horizon {
     seen: [Vec<f64>; 2],
     map: OnceLock<Vec<f64>>,
     powers: OnceLock<Vec<f64>>,
+}
+
+impl Task {
+    /// Its limits besides those of single inputs.
+    pub(super) fn rows(&self) -> Rows<'_> {
+        let rate = self.rate.as_ref().map(|(rate, previous)| (&rate[..], &previous[..]));
+        let states = self.states.as_ref().map(|(low, high)| (&low[..], &high[..]));
+        Rows { rate, states, soft: self.soft, grows: false }
+    }
+}
+
+/// Refuses a weight (n, n) that is not symmetric, or with an eigenvalue below 0, but for rounding.
+fn checked_weight(name: &'static str, weight: &[f64], n: usize) -> Result<()> {
+    let size = weight.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+    let refused = |expected, found| Err(Error::Value { name, expected, found });
+    for (i, j) in (0..n).flat_map(|i| (0..i).map(move |j| (i, j))) {
+        let (below, above) = (weight[i * n + j], weight[j * n + i]);
+        if (below - above).abs() > UNEQUAL * size {
+            return refused("symmetric", format!("{below} at ({i}, {j}) and {above} at ({j}, {i})"));
+        }
+    }
+    let least = least_eigenvalue(weight, n)?;
+    if least < -UNEQUAL * size {
+        return refused("without eigenvalues below 0", format!("{least:.3e}"));
+    }
+    Ok(())
 }
 
 /// What a problem computes at the first use.
@@ -144,8 +174,8 @@ impl Horizon {
     /// `A` (n, n), `B` (n, m), and the offset `c` (n) if there is one.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`], [`Error::Numerical`] for the root of a weight,
-    /// [`Error::Memory`].
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits without a number between them and weights that are
+    /// none, [`Error::Overflow`], [`Error::Numerical`] for the root of a weight, [`Error::Memory`].
     pub fn new<'a>(
         a: impl Into<MatrixView<'a>>,
         b: impl Into<MatrixView<'a>>,
@@ -155,11 +185,15 @@ impl Horizon {
         let b = b.into();
         let (n, m) = b.shape();
         let steps = task.reference.len().checked_div(n).unwrap_or(0);
-        let d = checked_len(WHAT, steps, m)?;
-        if d == 0 {
+        if n == 0 || m == 0 {
             return Err(Error::Shape { name: "B", expected: "a state and an input".into(), found: "none".into() });
         }
-        let sized = [
+        if steps == 0 {
+            let expected = format!("a row of {n} for each step: their number is that of the steps");
+            return Err(Error::Shape { name: "reference", expected, found: "none".into() });
+        }
+        let d = checked_len(WHAT, steps, m)?;
+        let lengths = [
             ("reference", task.reference.len(), steps, n),
             ("stage", task.stage.len(), n, n),
             ("terminal", task.terminal.len(), n, n),
@@ -168,14 +202,24 @@ impl Horizon {
             ("R", task.r.as_ref().map_or(m * m, Vec::len), m, m),
             ("c", c.map_or(n, <[f64]>::len), 1, n),
         ];
-        for (name, len, rows, columns) in sized {
+        for (name, len, rows, columns) in lengths {
             checked_rows(name, len, rows, columns)?;
         }
         let (a, b) = (a.into().sized("A", n, n)?, b.sized("B", n, m)?);
         let (a, b) = (try_copy(WHAT, &a)?, try_copy(WHAT, &b)?);
-        for (name, values) in [("A", &a), ("B", &b), ("stage", &task.stage), ("terminal", &task.terminal)] {
+        let own = [("A", &a), ("B", &b), ("stage", &task.stage), ("terminal", &task.terminal)];
+        for (name, values) in own.into_iter().chain([("reference", &task.reference)]) {
             require_finite(name, values)?;
         }
+        for (name, weight) in [("stage", &task.stage), ("terminal", &task.terminal)] {
+            checked_weight(name, weight, n)?;
+        }
+        if let Some(r) = &task.r {
+            require_finite("R", r)?;
+            checked_weight("R", r, m)?;
+        }
+        Bounds::new(&task.low, &task.high, d)?;
+        task.rows().check(n, m, steps)?;
         let pushes = pushes(&a, &b, n, steps)?;
         let roots = [root(&task.stage, n)?, root(&task.terminal, n)?];
         let seen = [seen(&roots[0], &pushes, n, m)?, seen(&roots[1], &pushes, n, m)?];
@@ -261,11 +305,17 @@ impl Horizon {
         self.task.rate.is_none() && self.task.states.is_none()
     }
 
-    /// `u(-1)` from now on, if the task has rates.
-    pub fn follow(&mut self, previous: &[f64]) {
+    /// `u(-1)` (m) from now on, if the task has rates.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NonFinite`]; then all is as before.
+    pub fn follow(&mut self, previous: &[f64]) -> Result<()> {
+        sized("previous", previous.len(), self.m)?;
+        require_finite("previous", previous)?;
         if let Some((_, before)) = &mut self.task.rate {
-            before.iter_mut().zip(previous).for_each(|(before, u)| *before = *u);
+            before.copy_from_slice(previous);
         }
+        Ok(())
     }
 
     /// `M` (rows, m K).

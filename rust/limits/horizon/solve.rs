@@ -124,12 +124,8 @@ impl Horizon {
             };
             shifted = Some((less(low)?, less(high)?));
         }
-        let rows = Rows {
-            rate: self.task.rate.as_ref().map(|(rate, previous)| (&rate[..], &previous[..])),
-            states: shifted.as_ref().map(|(low, high)| (&low[..], &high[..])),
-            soft: self.task.soft,
-            grows: false,
-        };
+        let states = shifted.as_ref().map(|(low, high)| (&low[..], &high[..]));
+        let rows = Rows { states, ..self.task.rows() };
         rows_control(&steps, bounds, rows, until).map(|found| self.unsure(found))
     }
 
@@ -287,6 +283,9 @@ pub struct RecedingHorizon {
     horizon: Horizon,
     /// The limits of inputs and states as they were given, and the reference.
     given: [Vec<f64>; 4],
+    /// Inputs that are not chosen (K, m), nan for the others, and the point that inputs and states count from.
+    fixed: Vec<f64>,
+    point: (Vec<f64>, Vec<f64>),
     reference: Vec<f64>,
     /// `(x, F_k (r(k) - reference(k)))`, for one map of both, where there was another reference.
     ahead: Option<Vec<f64>>,
@@ -329,8 +328,9 @@ impl RecedingHorizon {
         let (below, above) = task.states.as_ref().map_or((&[][..], &[][..]), |(low, high)| (&low[..], &high[..]));
         let given =
             [try_copy(WHAT, &task.low)?, try_copy(WHAT, &task.high)?, try_copy(WHAT, below)?, try_copy(WHAT, above)?];
-        let reference = try_copy(WHAT, &task.reference)?;
-        Ok(Self { found: Solution::sized(d)?, given, reference, ahead: None, horizon, way })
+        let (reference, fixed) = (try_copy(WHAT, &task.reference)?, try_filled(WHAT, f64::NAN, d)?);
+        let point = (try_zeros(WHAT, horizon.m)?, try_zeros(WHAT, horizon.n)?);
+        Ok(Self { found: Solution::sized(d)?, given, fixed, point, reference, ahead: None, horizon, way })
     }
 
     /// Whether one map serves all states.
@@ -338,21 +338,27 @@ impl RecedingHorizon {
         matches!(self.way, Way::Inputs(_))
     }
 
-    /// `u(-1)` from now on, if the task has rates.
-    pub fn follow(&mut self, previous: &[f64]) {
-        self.horizon.follow(previous);
-    }
-
-    /// From now on inputs have these values in the steps of each plan (K, m); nan where one is chosen.
+    /// `u(-1)` (m) from now on, if the task has rates: the input that is applied, to be said after each call. It counts from the
+    /// point of [`Self::about`], as all inputs do.
     ///
     /// # Errors
-    /// [`Error::Shape`].
+    /// [`Error::Shape`], [`Error::NonFinite`]; then all is as before.
+    pub fn follow(&mut self, previous: &[f64]) -> Result<()> {
+        self.horizon.follow(previous)
+    }
+
+    /// From now on inputs have these values in the steps of each plan (K, m), whatever their limits; nan where one is chosen.
+    /// Limits of rates hold for them, too: give those that jump an infinite one.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Value`] for an infinite one; then all is as before.
     pub fn fix(&mut self, values: &[f64]) -> Result<()> {
-        let [low, high, ..] = &mut self.given;
-        sized("values", values.len(), low.len())?;
-        for ((low, high), value) in low.iter_mut().zip(high).zip(values).filter(|(_, value)| !value.is_nan()) {
-            (*low, *high) = (*value, *value);
+        sized("values", values.len(), self.fixed.len())?;
+        if values.iter().any(|value| value.is_infinite()) {
+            return Err(Error::Value { name: "values", expected: "numbers, or nan", found: "an infinite one".into() });
         }
+        self.fixed.copy_from_slice(values);
+        self.limit();
         Ok(())
     }
 
@@ -361,11 +367,12 @@ impl RecedingHorizon {
     /// The first call makes a map for all references, which allocates.
     ///
     /// # Errors
-    /// [`Error::Shape`], as [`Solver::new`].
+    /// [`Error::Shape`], [`Error::NonFinite`], as [`Solver::new`].
     pub fn toward(&mut self, reference: &[f64], stop: &Stop) -> Result<()> {
         let Self { horizon, reference: first, ahead, way, .. } = self;
         let n = horizon.n;
         sized("reference", reference.len(), first.len())?;
+        crate::error::require_finite("reference", reference)?;
         if let Way::Inputs(solver) = way {
             if ahead.is_none() {
                 // y = target - state x + F (r - reference)
@@ -400,25 +407,34 @@ impl RecedingHorizon {
     /// From now on inputs and states are those away from this point: the limits as they were given, less it.
     ///
     /// # Errors
-    /// [`Error::Shape`].
+    /// [`Error::Shape`], [`Error::NonFinite`]; then all is as before.
     pub fn about(&mut self, inputs: &[f64], states: &[f64]) -> Result<()> {
-        let Self { horizon, given, way, .. } = self;
-        for (name, of, len) in [("inputs", inputs, horizon.m), ("states", states, horizon.n)] {
+        for (name, of, len) in [("inputs", inputs, self.horizon.m), ("states", states, self.horizon.n)] {
             sized(name, of.len(), len)?;
+            crate::error::require_finite(name, of)?;
         }
-        let less = |to: &mut [f64], from: &[f64], point: &[f64]| {
-            to.iter_mut().zip(from).zip(point.iter().cycle()).for_each(|((to, side), by)| *to = side - by);
-        };
-        less(&mut horizon.task.low, &given[0], inputs);
-        less(&mut horizon.task.high, &given[1], inputs);
+        self.point.0.copy_from_slice(inputs);
+        self.point.1.copy_from_slice(states);
+        self.limit();
+        Ok(())
+    }
+
+    /// The limits that were given, or the inputs that are fixed, less the point.
+    fn limit(&mut self) {
+        let Self { horizon, given, fixed, point, way, .. } = self;
+        for (to, given) in [&mut horizon.task.low, &mut horizon.task.high].into_iter().zip(&given[..2]) {
+            for ((to, side), (fixed, by)) in to.iter_mut().zip(given).zip(fixed.iter().zip(point.0.iter().cycle())) {
+                *to = if fixed.is_nan() { *side } else { *fixed } - by;
+            }
+        }
         if let Some((low, high)) = &mut horizon.task.states {
-            less(low, &given[2], states);
-            less(high, &given[3], states);
+            for (to, given) in [low, high].into_iter().zip(&given[2..]) {
+                to.iter_mut().zip(given).zip(point.1.iter().cycle()).for_each(|((to, side), by)| *to = side - by);
+            }
         }
         if let Way::Inputs(solver) = way {
             solver.limit(&horizon.task.low, &horizon.task.high);
         }
-        Ok(())
     }
 
     /// The best inputs from `x`. After an error, all is as before.

@@ -92,7 +92,7 @@ fn rates_and_states_and_a_loop() {
     assert!(!many.condensed() && first.iter().zip(u).all(|(a, b)| (a - b).abs() < 1e-8));
     let warm = many.warm().map(<[i8]>::to_vec);
     assert_eq!(warm.as_ref().map(Vec::len), Some(16));
-    many.follow(&[0.4]);
+    many.follow(&[0.4]).unwrap();
     first = many.solve(&X0, Until::new(&Stop::new(), None)).unwrap().control.clone();
     assert!(first[0] >= 0.2 - 1e-12);
     assert!(many.resume(Some(vec![0; 3])).is_err() && many.resume(warm).is_ok());

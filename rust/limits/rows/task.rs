@@ -13,6 +13,8 @@ pub(crate) const KEPT: f64 = 1e-9;
 const SLACK: f64 = 1e-12;
 /// Ratio of the sizes of two states from where each is scaled by its own.
 const APART: f64 = 1e3;
+/// Growth of a state beyond the size it is given by, from where what it does says nothing of the sizes of others.
+const GROWN: f64 = 10.0;
 /// Rounding of a sum of a value and a rate, relative.
 const NEAR: f64 = 8.0 * f64::EPSILON;
 
@@ -27,6 +29,37 @@ pub struct Rows<'a> {
     pub soft: Option<f64>,
     /// Whether the system grows so much over the steps that inputs alone do not tell where its states are.
     pub grows: bool,
+}
+
+impl Rows<'_> {
+    /// Refuses what is no limit of `n` states and `m` inputs over so many steps.
+    pub(crate) fn check(&self, n: usize, m: usize, steps: usize) -> Result<()> {
+        if let Some((rate, previous)) = self.rate {
+            sized("rate", rate.len(), m)?;
+            sized("previous", previous.len(), m)?;
+            crate::error::require_finite("previous", previous)?;
+            if let Some(found) = rate.iter().find(|r| r.is_nan() || **r <= 0.0) {
+                return Err(Error::Value { name: "rate", expected: "above 0", found: found.to_string() });
+            }
+        }
+        if let Some((below, above)) = self.states {
+            sized("state_low", below.len(), steps * n)?;
+            sized("state_high", above.len(), steps * n)?;
+            for (i, (&l, &h)) in below.iter().zip(above).enumerate() {
+                if !(l <= h && l < f64::INFINITY && h > f64::NEG_INFINITY) {
+                    let expected = "at most `state_high`, with a number between them";
+                    let found = format!("[{l}, {h}] for state {} of step {}", i % n, i / n + 1);
+                    return Err(Error::Value { name: "state_low", expected, found });
+                }
+            }
+        }
+        match self.soft {
+            Some(soft) if !(soft > 0.0 && soft.is_finite()) => {
+                Err(Error::Value { name: "soft", expected: "a number above 0", found: soft.to_string() })
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// The data of a problem. States and inputs are step by step.
@@ -73,7 +106,7 @@ impl Excess {
 }
 
 /// The size of each state: one for all, unless their units are far apart. A state that begins and should end at 0 has the
-/// size of its limits, or that which the others give it in a step.
+/// size of its limits, or that which the others give it over the steps without inputs, or in a step.
 fn sizes(h: &Steps<'_>, low: &[f64], high: &[f64]) -> Result<Vec<f64>> {
     let n = h.x0.len();
     let common = largest(h.x0.iter().chain(h.reference));
@@ -85,6 +118,20 @@ fn sizes(h: &Steps<'_>, low: &[f64], high: &[f64]) -> Result<Vec<f64>> {
         if *size == 0.0 {
             *size = of(low, i).max(of(high, i));
         }
+    }
+    // what the others make of it over the steps, of which one can be little, until they have grown themselves
+    let (mut x, mut next, known) = (try_copy(WHAT, h.x0)?, try_zeros(WHAT, n)?, try_copy(WHAT, &own)?);
+    for _ in 0..h.reference.len() / n.max(1) {
+        for (i, to) in next.iter_mut().enumerate() {
+            *to = h.a[i * n..(i + 1) * n].iter().zip(&x).map(|(a, x)| a * x).sum();
+        }
+        if next.iter().zip(&known).any(|(x, known)| !x.is_finite() || *known > 0.0 && x.abs() > GROWN * known) {
+            break;
+        }
+        for (own, x) in own.iter_mut().zip(&next).zip(&known).filter(|(_, known)| **known == 0.0).map(|(to, _)| to) {
+            *own = own.max(x.abs());
+        }
+        std::mem::swap(&mut x, &mut next);
     }
     for _ in 0..n {
         for i in 0..n {
@@ -178,32 +225,9 @@ impl<'a> Task<'a> {
         let n = h.x0.len();
         let (m, steps) = (h.b.len() / n.max(1), h.reference.len() / n.max(1));
         sized("low", bounds.low.len(), steps * m)?;
-        if let Some((rate, previous)) = rows.rate {
-            sized("rate", rate.len(), m)?;
-            sized("previous", previous.len(), m)?;
-            crate::error::require_finite("previous", previous)?;
-            if let Some(found) = rate.iter().find(|r| r.is_nan() || **r <= 0.0) {
-                return Err(Error::Value { name: "rate", expected: "above 0", found: found.to_string() });
-            }
-        }
-        let (mut low, mut high) = (Vec::new(), Vec::new());
-        if let Some((below, above)) = rows.states {
-            sized("state_low", below.len(), steps * n)?;
-            sized("state_high", above.len(), steps * n)?;
-            for (i, (&l, &h)) in below.iter().zip(above).enumerate() {
-                if !(l <= h && l < f64::INFINITY && h > f64::NEG_INFINITY) {
-                    let expected = "at most `state_high`, with a number between them";
-                    let found = format!("[{l}, {h}] for state {} of step {}", i % n, i / n + 1);
-                    return Err(Error::Value { name: "state_low", expected, found });
-                }
-            }
-            (low, high) = (try_copy(WHAT, below)?, try_copy(WHAT, above)?);
-        }
-        if let Some(soft) = rows.soft
-            && !(soft > 0.0 && soft.is_finite())
-        {
-            return Err(Error::Value { name: "soft", expected: "a number above 0", found: soft.to_string() });
-        }
+        rows.check(n, m, steps)?;
+        let (below, above) = rows.states.unwrap_or((&[], &[]));
+        let (low, high) = (try_copy(WHAT, below)?, try_copy(WHAT, above)?);
         let state = sizes(&h, &low, &high)?;
         // each input in the unit in which it moves a state by its size, or its reach if that is less
         let mut input = try_zeros(WHAT, m)?;

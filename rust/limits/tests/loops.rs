@@ -10,16 +10,18 @@ use crate::memory::tests::counted;
 /// Limits besides those of single inputs.
 #[derive(Clone, Copy)]
 struct Kind {
-    rate: bool,
+    /// Of the last input; the others have .11.
+    rate: Option<f64>,
     /// Of the first half of the states, with the weight of soft ones.
     states: Option<Option<f64>>,
 }
 
-const RATES: Kind = Kind { rate: true, states: None };
-const SOFT: Kind = Kind { rate: false, states: Some(Some(20.0)) };
-const BOTH: Kind = Kind { rate: true, states: Some(Some(20.0)) };
-const HARD: Kind = Kind { rate: true, states: Some(None) };
-const BOX: Kind = Kind { rate: false, states: None };
+const RATES: Kind = Kind { rate: Some(0.11), states: None };
+const FREE: Kind = Kind { rate: Some(f64::INFINITY), states: None };
+const SOFT: Kind = Kind { rate: None, states: Some(Some(20.0)) };
+const BOTH: Kind = Kind { rate: Some(0.11), states: Some(Some(20.0)) };
+const HARD: Kind = Kind { rate: Some(0.11), states: Some(None) };
+const BOX: Kind = Kind { rate: None, states: None };
 
 struct Plant {
     a: Vec<f64>,
@@ -52,7 +54,7 @@ impl Plant {
             terminal: unit(n, 2.0),
             reference: (0..n * steps).map(|i| 0.1 * (i as f64).sin()).collect(),
             r: Some(unit(m, 0.1)),
-            rate: kind.rate.then(|| (vec![0.11; m], vec![0.0; m])),
+            rate: kind.rate.map(|last| ((0..m).map(|j| if j + 1 < m { 0.11 } else { last }).collect(), vec![0.0; m])),
             states: kind.states.map(|_| (sides(-0.6), sides(0.8))),
             soft: kind.states.flatten(),
         };
@@ -80,6 +82,7 @@ fn calls_agree_with_single_problems() {
         (6, 5, 1, 25, BOTH),
         (7, 1, 1, 1, BOTH),
         (8, 6, 3, 10, HARD),
+        (9, 6, 2, 12, FREE),
     ] {
         let mut plant = Plant::new(seed, n, m, 1.0);
         let (mut many, mut one) =
@@ -104,8 +107,8 @@ fn calls_agree_with_single_problems() {
             active[0] += found.active.iter().filter(|side| **side != 0).count();
             active[1] += many.warm().unwrap()[m * steps..].iter().filter(|side| **side != 0).count();
             let u = found.control[..m].to_vec();
-            many.follow(&u);
-            one.follow(&u);
+            many.follow(&u).unwrap();
+            one.follow(&u).unwrap();
             x = plant.step(&x, &u, if kind.states == Some(None) { 0.05 } else { 0.5 });
         }
     }
@@ -121,6 +124,7 @@ fn calls_allocate_nothing() {
         (14, 4, 2, 10, SOFT),
         (15, 4, 2, 10, BOTH),
         (16, 8, 4, 60, RATES),
+        (17, 6, 2, 12, FREE),
     ] {
         let mut plant = Plant::new(seed, n, m, 0.8);
         let mut many = RecedingHorizon::new(plant.horizon(steps, kind), &Stop::new()).unwrap();
@@ -133,7 +137,7 @@ fn calls_allocate_nothing() {
                 [found.control[0], found.control[m - 1]]
             });
             assert_eq!(bytes, 0, "{seed} {call}");
-            many.follow(&vec![0.5 * (u[0] + u[1]); m].iter().map(|u| u.clamp(-0.3, 0.3)).collect::<Vec<_>>());
+            many.follow(&vec![0.5 * (u[0] + u[1]); m].iter().map(|u| u.clamp(-0.3, 0.3)).collect::<Vec<_>>()).unwrap();
             x = plant.step(&x, &vec![u[0]; m], 0.5);
         }
     }
@@ -161,8 +165,8 @@ fn cut_calls_go_on() {
             optimal += usize::from(found.status == Status::Optimal);
             let u = found.control[..3].to_vec();
             last = [&found.control[3..], &found.control[33..]].concat();
-            many.follow(&u);
-            one.follow(&u);
+            many.follow(&u).unwrap();
+            one.follow(&u).unwrap();
             x = plant.step(&x, &u, 0.0);
         }
     }
@@ -188,8 +192,81 @@ fn no_call_takes_more_than_the_most() {
             // a pause of the system is none of the loop
             assert!(took < most.seconds || took > 1e-3, "{took} {most:?}");
             let u = found.control[..m].to_vec();
-            many.follow(&u);
+            many.follow(&u).unwrap();
             x = plant.step(&x, &u, 0.5);
         }
+    }
+}
+
+/// Each of these was taken for no limit at all, with the status of an optimum, or read in part.
+#[test]
+fn what_is_no_limit_is_refused() {
+    let of = |change: &dyn Fn(&mut Task)| {
+        let mut task = Task {
+            low: vec![-1.0; 8],
+            high: vec![1.0; 8],
+            stage: vec![1.0, 0.1, 0.1, 1.0],
+            terminal: vec![1.0, 0.0, 0.0, 1.0],
+            reference: vec![0.0; 16],
+            r: Some(vec![0.1]),
+            rate: Some((vec![0.1], vec![0.0])),
+            states: Some((vec![-1.0; 16], vec![1.0; 16])),
+            soft: Some(1.0),
+        };
+        change(&mut task);
+        Horizon::new(&[[1.0, 0.1], [0.0, 1.0]], &[[0.0], [0.1]], None, task)
+    };
+    let mut right = RecedingHorizon::new(of(&|_| ()).unwrap(), &Stop::new()).unwrap();
+    let wrong: [(&str, &dyn Fn(&mut Task)); 14] = [
+        ("rate", &|task| task.rate = Some((vec![f64::NAN], vec![0.0]))),
+        ("rate", &|task| task.rate = Some((vec![0.0], vec![0.0]))),
+        ("rate", &|task| task.rate = Some((vec![], vec![0.0]))),
+        ("previous", &|task| task.rate = Some((vec![0.1], vec![f64::NAN]))),
+        ("previous", &|task| task.rate = Some((vec![0.1], vec![]))),
+        ("state_high", &|task| task.states = Some((vec![-1.0; 16], vec![]))),
+        ("state_low", &|task| task.states = Some((vec![-1.0; 16], vec![f64::NAN; 16]))),
+        ("low", &|task| task.low[3] = f64::NAN),
+        ("low", &|task| task.low[3] = 2.0),
+        ("soft", &|task| task.soft = Some(-1.0)),
+        ("stage", &|task| task.stage[1] = 0.2),
+        ("terminal", &|task| task.terminal[0] = -1.0),
+        ("R", &|task| task.r = Some(vec![-0.1])),
+        ("reference", &|task| task.reference.clear()),
+    ];
+    for (name, change) in wrong {
+        let error = of(change).unwrap_err().to_string();
+        assert!(error.contains(&format!("`{name}`")), "{name}: {error}");
+    }
+    let stop = Stop::new();
+    let first = right.solve(&[0.5, 0.0], Until::new(&stop, None)).unwrap().control.clone();
+    for wrong in [&[f64::NAN][..], &[], &[0.0, 0.0]] {
+        assert!(right.follow(wrong).is_err());
+    }
+    assert!(right.about(&[0.0], &[f64::NAN, 0.0]).is_err() && right.toward(&[f64::NAN; 16], &stop).is_err());
+    assert!(right.fix(&[f64::INFINITY; 8]).is_err() && right.fix(&[0.0; 7]).is_err());
+    right.resume(None).unwrap();
+    assert_eq!(right.solve(&[0.5, 0.0], Until::new(&stop, None)).unwrap().control, first);
+}
+
+#[test]
+fn an_input_is_fixed_at_once_and_chosen_again() {
+    for kind in [BOX, FREE] {
+        let mut plant = Plant::new(21, 3, 2, 0.9);
+        let mut many = RecedingHorizon::new(plant.horizon(6, kind), &Stop::new()).unwrap();
+        let (x, stop) = (plant.normal.take(3), Stop::new());
+        let mut call = |values: Option<f64>| {
+            if let Some(value) = values {
+                let fixed: Vec<f64> = (0..12).map(|i| if i % 2 == 1 { value } else { f64::NAN }).collect();
+                many.fix(&fixed).unwrap();
+            }
+            let found = many.solve(&x, Until::new(&stop, None)).unwrap();
+            assert_eq!(found.status, Status::Optimal);
+            found.control.clone()
+        };
+        let before = call(None);
+        let fixed = call(Some(0.05));
+        assert!(fixed.iter().skip(1).step_by(2).all(|u| *u == 0.05) && before[1] != 0.05, "{before:?} {fixed:?}");
+        let after = call(Some(f64::NAN));
+        assert!(before.iter().zip(&after).all(|(u, v)| (u - v).abs() <= 1e-9), "{before:?} {after:?}");
     }
 }

@@ -42,7 +42,7 @@ Patch: TypeAlias = "Callable[[pytest.MonkeyPatch], None]"
 
 # each row on its own, as small as its evidence allows
 ROWS: dict[str, Callable[[], paper.Claim]] = {
-    "Contribution vi": lambda: algorithm_1.variance(algorithm_1.measure(KEY, runs=6)),
+    "Contribution vi": lambda: algorithm_1.variance(algorithm_1.measure(KEY, runs=3)),
     "Definition 2.1, eq. (3)": definitions.solution_formula,
     "Definition 2.2": definitions.index_maps,
     "Definition 2.3": lambda: definitions.approximate_reachability(KEY),
@@ -62,7 +62,7 @@ ROWS: dict[str, Callable[[], paper.Claim]] = {
     "Lemma 4.4": lemmas_on_weights.lemma_44,
     "Remark after Lemma 4.4": lambda: lemmas_on_weights.exact_recovery(KEY),
     "Algorithm 1, lines 3 and 16": algorithm_1.lines_3_and_16,
-    "Algorithm 1": lambda: algorithm_1.algorithm_1(algorithm_1.measure(KEY, runs=6)),
+    "Algorithm 1": lambda: algorithm_1.algorithm_1(algorithm_1.measure(KEY, runs=3)),
     "Lemma 4.5, recursion": lemmas_on_weights.recursion,
     "Lemma 4.5, first inequality": lambda: lemmas_on_weights.first_inequality(KEY),
     "Lemma 4.5, second inequality": lambda: lemmas_on_weights.second_inequality(

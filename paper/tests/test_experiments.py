@@ -93,7 +93,7 @@ def test_ordering_facts_count_what_they_say(small_power):
 
 @pytest.fixture(scope="module")
 def many_replicates():
-    return power(rng=11, replicates=300, samples=50, sizes=[10, 50])
+    return power(rng=11, replicates=200, samples=50, sizes=[10, 50])
 
 
 def test_uniform_weights_follow_their_exact_moments_in_power(many_replicates):

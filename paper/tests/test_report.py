@@ -16,20 +16,12 @@ pytest.importorskip("jinja2")
 from markupsafe import escape
 
 import paper
-from paper import Experiment, power, tracking
+from paper import Experiment, power
 from paper.report.formulas import number, percent, readable
 from paper.report.page import COLUMNS, render
 
 VOID = {"meta", "img", "br", "wbr", "hr", "link", "input"}
 PAPER = "https://arxiv.org/abs/2304.11755"
-
-
-@pytest.fixture(scope="module")
-def experiments():
-    return [
-        power(rng=3, replicates=4, samples=60),
-        tracking(rng=3, replicates=2, samples=30, n=10, m=8),
-    ]
 
 
 @pytest.fixture(scope="module")

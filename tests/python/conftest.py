@@ -54,7 +54,8 @@ SLOW = ("coverage", "hostile", "hidden_systems", "pictures", "gallery", "noteboo
 
 
 # Files that take long without being slow tests.
-LONG = ("paper", "docs", "margins", "fused", "export", "loops", "propagation", "points", "alarm")
+LONG = ("paper", "docs", "keep", "margins", "sharper", "fused", "export", "loops", "propagation",
+        "points", "alarm")  # fmt: skip
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

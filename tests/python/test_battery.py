@@ -164,7 +164,7 @@ FAULTS = {
 def test_each_fault_is_refused_and_named(fault):
     """In each set nothing is bounded, and the first reason is that of the fault."""
     make, options, names = FAULTS[fault]
-    for seed in range(sets(40, 5)):
+    for seed in range(sets(40, 3)):
         model = se.identify(
             make(np.random.default_rng([920, seed])), **opts(**options, checks=False)
         )
@@ -201,7 +201,7 @@ def clean(gen, system):
 def test_less_than_one_in_a_hundred_clean_logs_is_refused():
     """Of all kinds of systems but those whose noise is below the rounding of other units."""
     refused, asked = [], 0
-    for seed in range(sets(150, 10)):
+    for seed in range(sets(150, 6)):
         gen = np.random.default_rng([921, seed])
         sizes = int(gen.integers(1, 5)), int(gen.integers(1, 3))
         for system in hidden.of_each_kind(gen, *sizes, without=("mixed_state_units",)):

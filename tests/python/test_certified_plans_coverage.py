@@ -144,8 +144,8 @@ def test_components_by_rows_are_the_sharper_ones():
 
 @pytest.mark.parametrize("noise", ["bounded", "sub-gaussian"])
 def test_noise_of_known_size_to_come(noise):
-    """200 runs with feedback, in `make test` 80; noise of +-sigma / sqrt(n), which is both."""
-    runs = sets(200, 80)
+    """200 runs with feedback, in `make test` 50; noise of +-sigma / sqrt(n), which is both."""
+    runs = sets(200, 50)
 
     def case(gen):
         A, B = stable(gen, 2, 1, size=1.05)
@@ -220,8 +220,8 @@ def test_noise_that_is_left_out_shows():
 
 
 def test_the_level_is_that_of_the_region():
-    """1000 data sets, at the worst z under scalar noise: about delta, neither more nor far less."""
-    runs = sets(1000, 300)
+    """1000 data sets (`make test`: 200), at the worst z under scalar noise: about delta."""
+    runs = sets(1000, 200)
 
     def case(gen):
         plan, off = at_the_worst(gen)

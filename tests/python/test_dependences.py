@@ -110,7 +110,7 @@ def true_distance(plan):
 @pytest.mark.parametrize("kind", DIFFERENCES)
 @pytest.mark.parametrize("runs", [2, 10])
 def test_finite_differences_are_refused(kind, runs):
-    """In each of 20 sets, in `make test` 8: readings with an error, and exact ones."""
+    """In each of 20 sets, in `make test` 6: readings with an error, and exact ones."""
 
     def missed(gen):
         found = []
@@ -119,7 +119,7 @@ def test_finite_differences_are_refused(kind, runs):
             found.append(not se.identify(data, checks=False).doubts)
         return found
 
-    assert failures(missed, sets(20, 8), 100).max() == 0
+    assert failures(missed, sets(20, 6), 100).max() == 0
 
 
 def test_certificates_from_differences_are_wrong_and_hence_infinite():
@@ -173,7 +173,7 @@ def test_states_with_few_sources_of_noise_can_be_declared(kind):
         return {"failed": wide, "open": refused, "doubts": bool(model.doubts),
                 "finite": np.isfinite(bound.target)}  # fmt: skip
 
-    runs = sets(40, 15)
+    runs = sets(40, 10)
     found = repeated(case, runs, 103)
     at_most(found["failed"].sum(), runs)
     at_most(found["doubts"].sum(), runs, 2e-3)
@@ -187,7 +187,7 @@ def test_one_more_lag_has_its_level_on_all_kinds_of_systems():
     With noise of full rank nothing is tied either, but where the noise of a state is below the
     rounding of what comes from others in far larger units.
     """
-    alarms, tested, tied, seeds = 0, 0, [], sets(50, 15)
+    alarms, tested, tied, seeds = 0, 0, [], sets(50, 10)
     for seed in range(seeds):
         gen = np.random.default_rng([104, seed])
         kinds = hidden.of_each_kind(gen, int(gen.integers(1, 5)), int(gen.integers(1, 3)))

@@ -84,7 +84,7 @@ def test_too_few_logs_say_how_many_more():
 def test_how_many_logs_are_forecast_from_few(outputs):
     """From one or two logs: so many do, within a factor of 4 (N^(-1/2) alone: 100 and more)."""
     ratios, begin = [], 4 if outputs else 1
-    for seed in range(sets(40, 6)):
+    for seed in range(sets(40, 4)):
         model = model_of(CHAIN, begin, outputs, seed=seed)
         K = se.gain(model_of(CHAIN, 200, outputs, seed=99), [1.0, 1.0], 1.0).K
         proof = judged(in_states(model, model.region(0.05)), K, model.labels, model)

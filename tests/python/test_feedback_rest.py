@@ -80,7 +80,7 @@ def test_loops_rest_where_it_is_said_and_get_there_in_the_tube(intercept):
         assert np.isfinite(tube.later).all()
         part, C = proof.region.parts[0], proof.region.centre
         members = [np.hstack([A, B, SHIFT[:, None]])[:, : C.shape[1]]]
-        for _ in range(sets(30, 15)):
+        for _ in range(sets(30, 10)):
             G = gen.standard_normal((2, len(part.white)))
             U, _, Vt = np.linalg.svd(G, full_matrices=False)
             members.append(C + np.sqrt(part.factor) * 0.05 * U @ Vt @ part.white)
@@ -140,7 +140,7 @@ def test_the_loop_without_its_rest_leaves_the_tube():
 
 def test_noise_of_unknown_covariance():
     """One noisy run of each data set: 10 % for the region, 10 % for noise and its size."""
-    gen, misses, finite, count = np.random.default_rng(3), 0, 0, sets(120, 60)
+    gen, misses, finite, count = np.random.default_rng(3), 0, 0, sets(120, 40)
     for _ in range(count):
         proof = se.gain(of_data(gen, N=40, declared=False), 1.0, 0.1).certificate(0.1)
         assert proof.region.noise is None
@@ -157,7 +157,7 @@ def test_noise_of_unknown_covariance():
 
 def test_the_covariance_is_bounded_as_often_as_said():
     """S / a >= Sigma but with the probability given away, 10 %."""
-    gen, over, count = np.random.default_rng(4), 0, sets(400, 200)
+    gen, over, count = np.random.default_rng(4), 0, sets(400, 120)
     for _ in range(count):
         proof = se.gain(of_data(gen, N=20, declared=False), 1.0, 0.1).certificate(0.1)
         covariance, left = noise_bound(proof, "noise", 0.2)

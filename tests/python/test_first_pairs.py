@@ -247,7 +247,7 @@ def regressions(systems):
 @pytest.mark.parametrize("delta", [0.05, 0.5])
 def test_coverage_for_windows_with_feedback(delta):
     """Systems of 1 to 3 outputs and 1 to 4 lags, 400 pairs, at both kinds of covariance."""
-    missed, systems = {"known": 0, "full": 0}, sets(240, 80)
+    missed, systems = {"known": 0, "full": 0}, sets(240, 40)
     for system, (Theta, Z, Y, sigma) in enumerate(regressions(systems)):
         kind = "known" if system % 2 else "full"
         known = np.diag(sigma**2) if kind == "known" else None

@@ -8,7 +8,7 @@ import stochens_rs as se
 from coverage_study import at_most, failures, repeated, sets
 from stochens_rs.theory import scenario
 
-FLEETS, BETA = sets(2000, 60), 0.05
+FLEETS, BETA = sets(2000, 40), 0.05
 
 
 def test_bounds_of_small_fleets_hold() -> None:

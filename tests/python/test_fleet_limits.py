@@ -186,7 +186,7 @@ def tanks(gen: np.random.Generator, N: int) -> se.SystemEnsemble:
 
 def test_the_risk_holds_for_misses_and_limits_together() -> None:
     """The first vessel may not run over: units that hold the limit are part of the support."""
-    runs, N, fresh = sets(300, 120), 50, 3000
+    runs, N, fresh = sets(300, 80), 50, 3000
     asked = se.Limits(u=(0.0, 2.0), rate=0.8, previous=0.0, x=(0.0, [0.9, np.inf]), soft=False)
 
     def case(gen):

@@ -29,7 +29,7 @@ def trimmed(gen: np.random.Generator, N: int) -> se.SystemEnsemble:
 @pytest.mark.parametrize("R", [None, 0.0])
 def test_trims_beside_a_large_input_are_counted(R) -> None:
     """The trims move the value by less than 1e-6 of it and the command by 1e-6 of it: 31 inputs."""
-    runs, N, fresh = sets(20, 8), 400, 20_000
+    runs, N, fresh = sets(20, 5), 400, 20_000
 
     def case(gen):
         plan = se.control_fleet(
@@ -91,7 +91,7 @@ def test_units_alone_give_the_command_of_any_fleet() -> None:
 
 def test_the_risk_of_any_fleet_is_below_its_bound() -> None:
     """A kind by chance, up to two units left out; the risk is estimated by 2000 fresh units."""
-    kinds, runs, N, fresh = list(hidden_systems.KINDS), sets(210, 84), 30, 2000
+    kinds, runs, N, fresh = list(hidden_systems.KINDS), sets(210, 60), 30, 2000
 
     def case(gen):
         system = hidden_systems.drawn(kinds[int(gen.integers(len(kinds)))], gen, 3, 2)

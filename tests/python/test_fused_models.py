@@ -390,12 +390,8 @@ def test_mean_square_error_is_below_that_of_least_squares(case, sigma):
         Theta, z, y = independent(gen, n=n, d=d, N=N)
         fused = fused_by(hull(gen, Theta, 0.5, off, M=M), z, y, sigma)
         root = fused.least_squares.blocks[0].root
-        risks.append(
-            [
-                np.sum(((Theta_of(one) - Theta) @ root.T) ** 2)
-                for one in (fused, fused.least_squares)
-            ]
-        )
+        both = fused, fused.least_squares
+        risks.append([np.sum(((Theta_of(one) - Theta) @ root.T) ** 2) for one in both])
     ours, least = np.mean(risks, axis=0)
     assert ours <= largest * least
 

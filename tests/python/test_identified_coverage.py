@@ -19,7 +19,7 @@ from twin import anytime as at
 from twin import regions as rg
 from twin import triangle as tr
 
-RUNS = sets(4000, 200)
+RUNS = sets(4000, 120)
 
 
 def model_of(z, y, **options):
@@ -39,8 +39,8 @@ def count(seed, runs, failed, **options):
 
 
 def test_coverage_of_the_full_region():
-    """20 000 data sets, in `make test` 500."""
-    runs = sets(20_000, 500)
+    """20 000 data sets, in `make test` 300."""
+    runs = sets(20_000, 300)
     failed = count(
         80, runs, lambda gen, T, z, y: misses(model_of(z, y).region(DELTA), T), root=SKEWED
     )
@@ -167,7 +167,7 @@ def test_regions_for_any_design_hold_at_all_looks():
 
 
 def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
-    runs = sets(800, 100)
+    runs = sets(800, 60)
 
     def failed(gen):
         Theta = None
@@ -267,7 +267,7 @@ def test_states_read_with_error_break_the_region_and_warn():
 
 
 def test_heavy_tails_alone_do_not_break_the_region():
-    runs = sets(800, 300)
+    runs = sets(800, 150)
 
     def failed(gen):
         Theta, z, _ = independent(gen)

@@ -75,9 +75,9 @@ def curvature(task):
 
 
 def test_a_moved_target():
-    """600 problems, in `make test` 200: T1 with the projection and controls of the package."""
+    """600 problems, in `make test` 120: T1 with the projection and controls of the package."""
     gen, seen = np.random.default_rng(1), Ratios()
-    for i in range(sets(600, 200)):
+    for i in range(sets(600, 120)):
         A, B, x0, task = steps_problem(gen, i)
         K, n = task.steps, len(A)
         dx0, dr = 0.3 * gen.normal(size=n), 0.3 * gen.normal(size=n) * (i % 2)
@@ -100,9 +100,9 @@ def test_a_moved_target():
 
 
 def test_inexact_controls():
-    """500 controls off the best, in `make test` 200: the distance by the gap (T3)."""
+    """500 controls off the best, in `make test` 120: the distance by the gap (T3)."""
     gen, seen = np.random.default_rng(2), Ratios()
-    for i in range(sets(500, 200)):
+    for i in range(sets(500, 120)):
         A, B, x0, task = steps_problem(gen, i)
         exact = Horizon(task, A, B)
         best = exact.solve(x0)
@@ -127,8 +127,8 @@ def perturbed(gen, A, B, x0):
 
 
 def test_an_uncertain_map():
-    """700 problems, in `make test` 250, R from 1e-12 to 10, at the best control and off it."""
-    gen, seen, finite, count = np.random.default_rng(3), Ratios(), 0, sets(700, 250)
+    """700 problems, in `make test` 150, R from 1e-12 to 10, at the best control and off it."""
+    gen, seen, finite, count = np.random.default_rng(3), Ratios(), 0, sets(700, 150)
     for i in range(count):
         A, B, x0, task = steps_problem(gen, i)
         if i % 4 == 1:
@@ -176,8 +176,8 @@ def soft_best(A, B, x0, task):
 
 
 def test_soft_limits_of_the_state():
-    """500 problems, in `make test` 100: a moved start and target (T5), and an uncertain map."""
-    gen, seen, used, count = np.random.default_rng(4), Ratios(), 0, sets(500, 100)
+    """500 problems, in `make test` 60: a moved start and target (T5), and an uncertain map."""
+    gen, seen, used, count = np.random.default_rng(4), Ratios(), 0, sets(500, 60)
     for i in range(count):
         n, m = int(gen.integers(1, 4)), int(gen.integers(1, 3))
         A, B = (

@@ -272,8 +272,8 @@ def true_system(gen, name):
 @pytest.mark.parametrize("K", [1, 3])
 @pytest.mark.parametrize("name", MODELS)
 def test_coverage_of_certificates(name, K, more):
-    """60 data sets, in `make test` 25, of 4 systems, 2 horizons, 3 weights; delta = 0.3."""
-    gen, delta, count = np.random.default_rng(11), 0.3, sets(60, 25)
+    """60 data sets, in `make test` 15, of 4 systems, 2 horizons, 3 weights; delta = 0.3."""
+    gen, delta, count = np.random.default_rng(11), 0.3, sets(60, 15)
     A, B, x0, xf = true_system(gen, name)
     wrong = np.zeros(4)
     for i in range(count):

@@ -33,7 +33,7 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
 def test_the_true_system_keeps_hard_limits_of_a_plan_from_data(highest):
     """At delta = 0.05 at most 5 % may leave the limits (false alarm 1e-4); 0 did."""
     A, B = np.array([[1.0, 0.1], [-0.2, 0.95]]), np.array([[0.0], [0.1]])
-    left, found, without, count = 0, 0, 0, sets(100, 40)
+    left, found, without, count = 0, 0, 0, sets(100, 25)
     for seed in range(count):
         gen = np.random.default_rng(seed)
         z = gen.standard_normal((40, 3))

@@ -51,7 +51,7 @@ def test_adaptive_regions_hold_with_rows_lost_by_chance():
 
 
 def test_last_pairs_of_runs_with_gaps_have_the_exact_region():
-    runs = sets(800, 150)
+    runs = sets(800, 100)
 
     def failed(gen):
         made = [tuned(gen, 8) for _ in range(12)]

@@ -386,7 +386,7 @@ def test_the_cap_of_more_inputs_than_outputs():
 @pytest.mark.parametrize("seed", range(sets(4, 1)))
 def test_random_faults_never_leave_the_limits(belt, seed):
     """10 000 calls, in `make test` 3000, with every kind of fault: always said, back in the end."""
-    gen, faulty, calls = np.random.default_rng(seed), set(), sets(10_000, 3_000)
+    gen, faulty, calls = np.random.default_rng(seed), set(), sets(10_000, 2_000)
 
     def fault(k, read):
         if k > calls - 300 or gen.random() > 0.05:

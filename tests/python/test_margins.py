@@ -112,7 +112,7 @@ def radius(matrix):
 
 def test_no_member_with_any_term_of_the_allowed_size_leaves():
     """Worst members with worst constant terms; and terms that an enemy chooses at each step."""
-    rng, worst, above, count = np.random.default_rng(4), 0.0, 0, sets(320, 20)
+    rng, worst, above, count = np.random.default_rng(4), 0.0, 0, sets(320, 12)
     for _ in range(count):
         ball = Ball(rng)
         n = ball.n

@@ -198,7 +198,7 @@ def test_the_loop_of_records_is_that_of_the_region():
 
 def test_no_member_leaves_at_the_margins_of_its_loop():
     """The true plant, and the worst members a search finds, with faults as large as certified."""
-    rng, worst, seen, count, missed = np.random.default_rng(2), {}, 0, sets(60, 3), 0
+    rng, worst, seen, count, missed = np.random.default_rng(2), {}, 0, sets(60, 2), 0
     while seen < count:
         model, proof, true = hidden(rng)
         if proof.status != "certified" or len(model.region(0.05).parts) > 1:
@@ -482,7 +482,7 @@ def test_states_with_a_dead_time_have_the_margins_of_both_records():
 
 def test_errors_of_readings_of_a_stated_size_stay_in_the_tube():
     """Errors that an enemy chooses at each step, for members of the region."""
-    rng, count, most_of = np.random.default_rng(14), sets(120, 6), 0.0
+    rng, count, most_of = np.random.default_rng(14), sets(120, 3), 0.0
     for seed in range(count):
         window = (se.Window(lags=2), se.Window(filters=(0.4, 2)), se.Window(lags=2))[seed % 3]
         data = simulated(window, seed, noise=0.05, size=(0.9, 1.1))[0]

@@ -9,7 +9,7 @@ from scipy import stats
 import stochens_rs as se
 from coverage_study import sets
 
-SETS = sets(300, 12)
+SETS = sets(300, 9)
 LAWS = {
     "normal": lambda gen, shape: gen.standard_normal(shape),
     "uniform": lambda gen, shape: gen.uniform(-1.7, 1.7, shape),

@@ -92,8 +92,8 @@ def test_regions_hold_at_all_looks(system):
     [
         (0.1, 1, sets(300, 20), 10, 0.2, 6.0),
         (None, 1, sets(50, 20), 20, 0.3, 12.0),
-        (0.1, 3, sets(50, 10), 20, 0.3, 15.0),
-        (None, 3, sets(30, 8), 40, 0.45, 30.0),
+        (0.1, 3, sets(50, 8), 20, 0.3, 15.0),
+        (None, 3, sets(30, 6), 40, 0.45, 30.0),
     ],
 )
 def test_stopping_by_the_certificate_is_valid(sigma, steps, runs, every, tol, loose):

@@ -85,7 +85,7 @@ def graded_systems(count, seed):
 def systems():
     for k, x0 in itertools.product(TINY, VECTORS):
         yield np.array(x0), np.array([[1.0, 10.0**-k], [0.0, 1.0]])
-    yield from graded_systems(sets(40, 12), 1)
+    yield from graded_systems(sets(40, 8), 1)
 
 
 SIZES = ((1, None, 1), (None, None, 1), (1, None, None), (10**6, None, 3))

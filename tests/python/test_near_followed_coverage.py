@@ -66,7 +66,7 @@ def of_case(name: str, followed: bool, count: int) -> list[Outcome]:
 @pytest.mark.parametrize("followed", [True, False])
 def test_no_more_runs_leave_than_stated(followed: bool) -> None:
     """Of each case, and of all together: tube and rows, of the mean and with noise."""
-    count, total = sets(400, 12), 0
+    count, total = sets(400, 6), 0
     for name in CASES:
         found = of_case(name, followed, count)
         failed = np.sum([one.failed for one in found], axis=0)
@@ -80,7 +80,7 @@ def test_no_more_runs_leave_than_stated(followed: bool) -> None:
 def test_certificates_are_small() -> None:
     """At 5 %, medians of the last tube of the mean over the 95 % quantile of the error."""
     for name, most in (("unit root", 2.4), ("clipped", 2.4), ("unstable", 2.8)):
-        found = of_case(name, True, sets(200, 30))
+        found = of_case(name, True, sets(200, 20))
         error = np.quantile([one.error for one in found], 0.95)
         assert np.median([one.radius for one in found]) < most * error
 
@@ -90,7 +90,7 @@ def test_certificates_are_small() -> None:
 
 def test_half_the_noise_fails() -> None:
     """Deviations declared half as large: the log says so, and forced runs leave too often."""
-    count, case = sets(400, 120), CASES["unstable"]()
+    count, case = sets(400, 60), CASES["unstable"]()
     half = case._replace(covariance=case.covariance / 4.0)
     root, failed = np.linalg.cholesky(case.covariance), np.zeros(len(LEVELS), int)
     for seed in range(count):
@@ -116,7 +116,7 @@ def test_half_the_noise_fails() -> None:
 
 def test_a_reference_of_all_runs_fails() -> None:
     """Forced on the core, where the model errs most: `identify` refuses it, see the other file."""
-    count, failed, n = sets(400, 100), 0, 4
+    count, failed, n = sets(400, 60), 0, 4
     for seed in range(count):
         gen = np.random.default_rng([seed, 70])
         Theta = 0.3 * gen.standard_normal((n, 2 * n))

@@ -155,8 +155,8 @@ def noise(w: np.ndarray) -> np.ndarray:
 
 
 def test_the_confidence_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1000 draws, in `make test` 250, of 59 runs: Beta(59, 1), .0485 below .95."""
-    plan, gen, repeats = scalar(), np.random.default_rng(5), sets(1000, 250)
+    """1000 draws, in `make test` 150, of 59 runs: Beta(59, 1), .0485 below .95."""
+    plan, gen, repeats = scalar(), np.random.default_rng(5), sets(1000, 150)
     draws = noise(gen.standard_normal((repeats, 59)))
 
     def below() -> tuple[int, int]:
@@ -177,8 +177,8 @@ def test_the_confidence_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_weights_are_needed_where_the_starts_differ() -> None:
-    """1500 draws, of 60 runs from N(0, 1), the next from N(1, 1); the size of w grows with x0."""
-    plan, gen, repeats, M = scalar(), np.random.default_rng(6), sets(1500, 200), 60
+    """1500 draws (`make test`: 120), 60 runs from N(0, 1), the next from N(1, 1), w by x0."""
+    plan, gen, repeats, M = scalar(), np.random.default_rng(6), sets(1500, 120), 60
     starts = gen.standard_normal((repeats, M + 1)) + (np.arange(M + 1) == M)
     runs = np.stack([starts, np.exp(starts) * gen.standard_normal(starts.shape)], axis=-1)[
         ..., None

@@ -26,8 +26,8 @@ def arx(seed, runs=14, steps=50):
 
 
 def test_readings_are_in_the_tube_and_their_mean_alone_is_not_enough():
-    """80 systems, in `make test` 25, 5 fresh runs of 10 steps each; seen 0, 3, 2 of 400 outside."""
-    systems = sets(80, 25)
+    """80 systems, in `make test` 15, 5 fresh runs of 10 steps each; seen 0, 3, 2 of 400 outside."""
+    systems = sets(80, 15)
     outside = dict.fromkeys((0.05, 0.5, "each", "without noise"), 0)
     missed = 0
     for seed in range(systems):
@@ -138,8 +138,8 @@ def plant(system, loop, steps, rng=None, force=0.0, noise=0.0, missing=()):
 
 
 def test_mismatched_plants_rest_at_the_target():
-    """50 plants, in `make test` 6, 3 % off their models; a constant of .3 at the inputs."""
-    rested, plants = 0, sets(50, 6)
+    """50 plants, in `make test` 4, 3 % off their models; a constant of .3 at the inputs."""
+    rested, plants = 0, sets(50, 4)
     for seed in range(plants):
         system, model, _, rng = arx(seed, runs=6)
         system.A = system.A * (1.0 + 0.03 * rng.standard_normal(system.A.shape))

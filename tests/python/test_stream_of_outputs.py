@@ -67,7 +67,7 @@ def test_what_holds_at_any_look():
 
 @pytest.mark.usefixtures("noise_by_formula")
 def test_a_noise_that_is_declared_too_small_makes_regions_miss():
-    count = sets(100, 10)
+    count = sets(100, 6)
     missed = sum(missed_at(seed, declared=0.3)[0] > 1.0 for seed in range(count))
     assert missed > 0.5 * count
 

@@ -1,6 +1,6 @@
 """How often the true miss is above `Plan.typical`, on some of the systems that its text names.
 
-300 sets of runs per cell, in `make test` 24, at 5 %, less those with a warning, for which there is
+300 sets of runs per cell, in `make test` 10, at 5 %, less those with a warning, for which there is
 no number. It is approximate: a count is accepted between the quantiles of 2.5 and 8 %, widened by a
 false alarm of 1e-5; with fewer failures it would be of no use.
 """
@@ -19,7 +19,7 @@ from coverage_study import sets
 from declarations import opts
 from stochens_rs.exceptions import DataWarning
 
-SETS = sets(300, 14)
+SETS = sets(300, 10)
 RIG = (
     np.array([[1, -0.0099, 0.1, -0.0003], [0, 1.0594, 0, 0.102], [0, -0.2001, 1, -0.0099],
               [0, 1.2004, 0, 1.0594]]),

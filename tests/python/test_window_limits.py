@@ -66,7 +66,7 @@ def test_runs_cut_before_a_bad_reading():
 
 def test_the_smallest_tube_over_all_lags_is_no_choice():
     """The order with the smallest tube of 10 steps, on the same data that certify it."""
-    misses, count = 0, sets(60, 20)
+    misses, count = 0, sets(60, 12)
     for seed in range(count):
         gen = np.random.default_rng([13, seed])
         system = hidden_arx(gen)
@@ -94,7 +94,7 @@ def test_filters_need_a_burn_in_units_of_the_noise():
     """Signals 1000 times the noise: a^b <= 1e-3 leaves the start values in the residuals."""
     pole, r, sigma, short, misses = 0.8, 2, 3e-4, 0, 0
     Theta = np.array([[1.2, -0.4, 1.0, 1.0]])
-    count = sets(20, 8)
+    count = sets(20, 5)
     for seed in range(count):
         gen = np.random.default_rng([14, seed])
         runs = filter_runs(gen, Regressors(("y",), ("u",), r, pole), Theta, 20, 150, sigma)

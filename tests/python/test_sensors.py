@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+import two_masses
 from coverage_study import sets
 from stochens_rs.loops.sensors import explained
 
@@ -80,7 +81,8 @@ def test_when_two_sensors_are_wrong_none_is_named_alone():
     said = [text for text in said if text is not None]
     assert said
     for text in said:
-        assert "contradict each other at rest, and no single sensor explains it" in text
+        assert "no single sensor explains what was learned at rest: a load acts elsewhere" in text
+        assert "or two sensors are wrong" in text
 
 
 def test_the_fit_is_exact_without_noise():
@@ -106,3 +108,25 @@ def test_when_there_is_nothing_to_say():
     model = hidden(1, 3, 1)[2]
     loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=False, target=[0.0, np.nan, np.nan])
     assert loop.explanation is None
+
+
+@pytest.mark.parametrize("constant", [-0.1, -0.3, 1.0])
+def test_a_constant_at_the_input_of_a_long_window_is_said(constant):
+    """Many lags: what the region may be off is an ellipsoid, of which no ball is needed."""
+    drive = two_masses.Drive(np.random.default_rng(3))
+    drive.at_input = constant
+    said = two_masses.ride(two_masses.loop(), drive, 1200).explanation
+    assert number(said, "^a constant acts, as (-?[0-9.e+-]+) at torque$") == pytest.approx(
+        constant, rel=0.1
+    )
+
+
+@pytest.mark.parametrize("load", [-0.3, 0.1, 0.4])
+def test_a_load_at_no_input_accuses_no_sensor(load):
+    drive = two_masses.Drive(np.random.default_rng(3))
+    drive.load = load
+    said = two_masses.ride(two_masses.loop(), drive, 1200).explanation
+    assert said.startswith("a load acts elsewhere than at torque, or motor reads ")
+    assert said.endswith("undecided which")
+    still = two_masses.ride(two_masses.loop(), two_masses.Drive(np.random.default_rng(3)), 1200)
+    assert still.explanation is None

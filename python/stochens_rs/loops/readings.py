@@ -779,11 +779,12 @@ class ReadingLoop(ControlLoop[Reading]):
     def explanation(self) -> str | None:
         """What the bias that was learned at rest says, beside noise and the error of the model.
 
-        A constant that acts at the inputs, or a sensor that reads wrong by so much, or "undecided
-        which": without more outputs than inputs both explain all, and of n outputs one is named
-        where ``n >= m + 2``, as far as they move the next readings in different directions. None
-        where nothing acts that noise and the region do not explain (with 1e-4 at rest), or the loop
-        is not at rest for long enough: some 100 calls without a missing reading.
+        A constant that acts at the inputs, or elsewhere (a load), or a sensor that reads wrong by
+        so much, or "undecided which": without more outputs than inputs the first explains all, and
+        of n outputs one is named alone where ``n >= m + 2``, as far as they move the next readings
+        in different directions. None where nothing acts that noise and the region do not explain
+        (with 1e-4 at rest), or the loop is not at rest for long enough: some 100 calls without a
+        missing reading.
         """
         L = self._learning[0]
         if not L.any():
@@ -797,8 +798,9 @@ class ReadingLoop(ControlLoop[Reading]):
         off = np.linalg.norm(T @ np.array([self._bias - half[0].bias, self._bias]).T, axis=0)
         if off[0] > max(1.0, 0.2 * off[1]):
             return None
-        y, u = (np.mean([getattr(one, name) for one in half], axis=0) for name in "yu")
-        return explained(self.model, self._bias, L, y, u)
+        names = "y", "u", "bias"
+        y, u, bias = (np.mean([getattr(one, name) for one in half], axis=0) for name in names)
+        return explained(self.model, bias, L, y, u, len(half))
 
     @property
     def limits(self) -> tuple[Floats, Floats]:

@@ -46,7 +46,7 @@ def model(friction=0.0):
     rng = np.random.default_rng(1)
     drive = Drive(rng, 30, friction)
     drive.x[:2], drive.x[2:] = rng.uniform(-3.0, 3.0, 30), 2.0 * rng.standard_normal(30)
-    y, u = [drive.read()], []
+    y, u, held = [drive.read()], [], None
     for k in range(200):
         held = rng.uniform(-1.8, 1.8, 30) if k % 4 == 0 else held
         u.append(held)
@@ -56,7 +56,7 @@ def model(friction=0.0):
     data = se.Trajectories(*map(list, runs), dt=0.01, **COLUMNS)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return se.identify(data, window=se.Window(lags=13, delay=2))
+        return se.identify(data, window=se.Window(lags=13, delay=2), accept="memory")
 
 
 def loop(friction=0.0, watched=False):

@@ -771,3 +771,26 @@ def test_the_onset_of_a_drive_is_not_the_first_full_window():
 def test_without_a_pair_the_onset_cannot_be_told():
     source = source_of(made("one")[2], made("one")[2].region(0.05))
     assert onset_of(source, np.full((5, 2), np.nan), [0], 0.05) is None
+
+
+def test_pairs_at_rest_tell_nothing_of_single_effects():
+    """A loop of readings at rest without dither: of a small constant no share of an effect."""
+    rng = np.random.default_rng(2)
+    y, u = np.zeros((401, 1)), rng.standard_normal((400, 1))
+    for k in range(1, 400):
+        y[k + 1] = 1.5 * y[k] - 0.55 * y[k - 1] + u[k] + 0.1 * rng.standard_normal(1)
+    data = se.Trajectories([y], [u], outputs=True)
+    model = se.identify(data, window=se.Window(lags=4), intercept=True, checks=False)
+    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+    loop.watch = loop.certificate(0.05).watch(every=1e4)
+    now = before = np.zeros(1)
+    for k in range(400):
+        heat = 0.25 if k > 300 else 0.0
+        noise = 0.1 * rng.standard_normal(1)
+        now, before = 1.5 * now - 0.55 * before + loop(now) + heat + noise, now
+    changes = loop.watch.changes()
+    assert changes.pairs > 20
+    assert (changes.status, changes.explanations) == ("not refuted", ())
+    assert min(changes.detectable.values()) > 1.0
+    assert "these pairs tell nothing of single effects" in str(changes)
+    assert "%" not in str(changes)

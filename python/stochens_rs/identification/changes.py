@@ -319,7 +319,9 @@ class Changes(SavedRecord):
         seen = {name: v for name, v in self.detectable.items() if np.isfinite(v)}
         if self.status == "not refuted" and seen:
             name = min(seen, key=lambda name: seen[name])
-            parts.append(f"a change of {name} by {seen[name]:.0%} would have shown")
+            shows = f"a change of {name} by {seen[name]:.0%} would have shown"
+            nothing = "these pairs tell nothing of single effects: none that died would have shown"
+            parts.append(shows if seen[name] <= 1.0 else nothing)
         return f"<Changes: {'; '.join(parts)}{show.careful(self.unseen)}>"
 
 

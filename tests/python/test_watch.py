@@ -794,3 +794,24 @@ def test_pairs_at_rest_tell_nothing_of_single_effects():
     assert min(changes.detectable.values()) > 1.0
     assert "these pairs tell nothing of single effects" in str(changes)
     assert "%" not in str(changes)
+
+
+def test_what_is_lost_for_ever_is_said():
+    """A sensor that is lost: the watch sees nothing, and nothing is proved of the loop."""
+    loop, drive = two_masses.loop(watched=True), two_masses.Drive(np.random.default_rng(1))
+    for k in range(150):
+        y = drive.read()[0]
+        drive.step(loop([y[0], np.nan if k >= 100 else y[1]]))
+        if k == 99:
+            assert (loop.log[-1].status, loop.log[-1].reason) == ("gain", None)
+            assert "missing" not in str(loop.watch)
+    lost = "nothing is watched: load is missing for 50 calls"
+    assert (loop.log[-1].watch.status, loop.log[-1].watch.reason) == ("skipping", lost)
+    assert lost in str(loop.watch)
+    assert loop.log[-1].status == "unproved"
+    assert "load was not read in the last 50 calls: nothing is proved" in loop.log[-1].reason
+    assert str(copy.copy(loop.watch)) == str(loop.watch)
+    for _ in range(60):
+        drive.step(loop(drive.read()[0]))
+    assert (loop.log[-1].status, loop.log[-1].reason) == ("gain", None)
+    assert "missing" not in str(loop.watch)

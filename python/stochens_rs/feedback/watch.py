@@ -23,6 +23,7 @@ LawOfWatch: TypeAlias = Literal["variance", "gaussian", "symmetric", "bounded"]
 LAWS: tuple[LawOfWatch, ...] = ("variance", "gaussian", "symmetric", "bounded")
 CREDIBLE = 0.95
 HISTORY = 10_000  # calls whose evidence is drawn
+LOST = 20  # calls in a row in which something is missing, so that it is no chance
 RECENT = 1_000  # calls before an alarm in which its onset is looked for
 FIXED = ("proof", "promise", "law", "moving")  # what a watch is made of
 
@@ -41,7 +42,8 @@ class Watched:
     alarms : int
         How many there were.
     reason : str or None
-        What cannot have been measured (inf, or beyond 1e140), and is taken as missing.
+        What cannot have been measured (inf, or beyond 1e140), and is taken as missing; or what is
+        missing for so long that nothing is watched.
     """
 
     status: WatchStatus | str
@@ -92,6 +94,7 @@ class Watch(Durable):
         self.history: deque[float] = deque(maxlen=HISTORY)
         self._next = np.full(len(self._source.window.inputs), np.nan)
         self._loop: Any = None
+        self._lost = np.zeros(sum(map(len, self.names)), dtype=int)
         self._begin()
 
     def _begin(self) -> None:
@@ -127,14 +130,23 @@ class Watch(Durable):
         now, names = np.concatenate([read, acts]), (*outputs, *inputs)
         broken = validation.broken(np.where(np.isnan(now), 0.0, now), 1e140, names)
         status, evidence, alarms = self._step(read, acted)
-        found = Watched(status, evidence, alarms, broken)
+        found = Watched(status, evidence, alarms, broken or self._missing)
         self.history.append(found.evidence)
         self._next = acts.copy()
         return found
 
+    @property
+    def _missing(self) -> str | None:
+        """What was missing in the last calls, if for so long that it is no chance."""
+        i = int(self._lost.argmax())
+        if self._lost[i] < LOST:
+            return None
+        return f"nothing is watched: {sum(self.names, ())[i]} is missing for {self._lost[i]} calls"
+
     def _step(self, read: Floats, acted: Floats) -> tuple[str, float, int]:
         if self._core.now[3] is None:
             self._recent.append(np.concatenate([read, acted]))
+        self._lost = np.where(np.isfinite(np.concatenate([read, acted])), 0, self._lost + 1)
         found: tuple[str, float, int] = self._core.step(read, acted)
         return found
 
@@ -411,6 +423,7 @@ class Watch(Durable):
         history, state = np.array(self.history), self._core.state()
         recent = np.array(self._recent).reshape(len(self._recent), sum(map(len, self.names)))
         now = {"history": history, "next": self._next, "recent": recent}
+        now["lost"] = self._lost
         return {**own, "state": state, **now}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -419,6 +432,7 @@ class Watch(Durable):
         self._next = np.array(state["next"])
         self.history.extend(state["history"].tolist())
         self._recent.extend(np.array(state["recent"]))
+        self._lost = np.array(state["lost"])
 
     def _to_sections(self) -> dict[str, Any]:
         return WatchState(self.__getstate__())._to_sections()
@@ -438,6 +452,6 @@ class Watch(Durable):
         return f"false alarms at most {often} for {null}, noise '{self.law}'"
 
     def __repr__(self) -> str:
-        last = "" if self.alarm is None else f"; {self.alarm}"
+        last = "".join(f"; {one}" for one in (self.alarm, self._missing) if one)
         calls = show.number_of(len(self.history), "call")
         return f"<Watch: {self.statement}, {calls}{last}>"

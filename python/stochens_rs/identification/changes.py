@@ -136,12 +136,12 @@ def onset_of(source: Predictor, calls: Floats, rows: list[int], level: float) ->
     the noise of 5, 50 or 500 pairs, with noise as before or louder. None where no pair is complete,
     or the rows have regions of their own.
     """
-    (part, *more), z, y, at = source.region.parts, [], [], []
-    p, window = len(source.window.outputs), source.window
-    whole = np.isfinite(calls[:, :p]).all(axis=1)
-    follows = whole & np.isfinite(calls[:, p:]).all(axis=1)
-    follows[1:] &= whole[:-1]
-    follows[:1] = False
+    (part, *more), p, window = source.region.parts, len(source.window.outputs), source.window
+    z, y = [], []
+    at: list[int] = []
+    read, acted = (np.isfinite(one).all(axis=1) for one in np.split(calls, [p], axis=1))
+    whole = np.array(read, dtype=bool)
+    follows = whole & acted & np.array([False, *whole[:-1]])
     starts = np.flatnonzero(whole & ~follows)
     for first in starts:
         piece = calls[first : first + 1 + int(np.argmin([*follows[first + 1 :], False]))]

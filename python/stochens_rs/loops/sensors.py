@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 FALSE_ALARM = 1e-4
 DOUBLINGS = 40  # of the steps after which what was learned is as good as settled
+FAR = 2.0  # ranges of the logs, outside of which a reading is far
+INTEGRATES = 1e-3  # of a deviation leaves in a step: no slower mode is told from an integrator
 SPLITS = np.logspace(-3.0, 3.0, 25)  # of a sum of two ellipsoids
 
 
@@ -38,6 +40,40 @@ def bounded(model: Model) -> tuple[Region, Floats] | None:
     return region, np.ascontiguousarray(region.noise)
 
 
+def at_rest_of(model: Model) -> tuple[Floats, Floats]:
+    """``[N_y N_u]``: outputs and inputs in the window at rest; ``[I - H N_y, H N_u]``."""
+    H, own, p, m = model.coefficients, model.regressors, model.n_outputs, model.m
+    found = np.zeros((own.length, p + m))
+    found[: own.count * p, :p] = np.tile(np.eye(p), (own.count, 1))
+    found[own.count * p : own.count * (p + m), p:] = np.tile(np.eye(m), (own.count, 1))
+    return found, np.hstack([np.eye(p) - H @ found[:, :p], H @ found[:, p:]])
+
+
+class Range:
+    """The outputs of the logs of a model, and whether readings are far outside of them."""
+
+    def __init__(self, model: Model) -> None:
+        y, p = model.data.pairs()[0], model.n_outputs
+        self.low, self.high, self.names = y.min(axis=0), y.max(axis=0), model.outputs
+        self.width = np.maximum(self.high - self.low, np.finfo(float).tiny)
+        # modes that integrate move all outputs along these, in ranges: they may go anywhere
+        leaves = at_rest_of(model)[1][:, :p] * self.width / self.width[:, None]
+        _, sizes, rows = np.linalg.svd(leaves)
+        self.free = rows[sizes <= INTEGRATES]
+
+    def outside(self, y: Floats) -> str | None:
+        """The reading that is furthest outside; nan where it was not read."""
+        off = np.nan_to_num((y - 0.5 * (self.low + self.high)) / self.width)
+        off -= self.free.T @ (self.free @ off)
+        i = int(np.abs(off).argmax())
+        if abs(off[i]) <= FAR + 0.5:
+            return None
+        return (
+            f"{self.names[i]} = {y[i]:.4g} is far outside of the logs, which had "
+            f"{self.low[i]:.4g} to {self.high[i]:.4g}"
+        )
+
+
 def explained(
     model: Model, bias: Floats, L: Floats, y: Floats, u: Floats, calls: int = 1
 ) -> str | None:
@@ -49,14 +85,10 @@ def explained(
     """
     if (found := bounded(model)) is None:
         return None
-    (region, noise), H, own = found, model.coefficients, model.regressors
-    p, m, count = model.n_outputs, model.m, own.count
-    at_rest = np.zeros((own.length, p + m))
-    at_rest[: count * p, :p] = np.tile(np.eye(p), (count, 1))
-    at_rest[count * p : count * (p + m), p:] = np.tile(np.eye(m), (count, 1))
+    (region, noise), (at_rest, effects) = found, at_rest_of(model)
+    p, m = model.n_outputs, model.m
     z = at_rest @ np.hstack([y, u])
-    z[count * (p + m) :] = 1.0
-    effects = np.hstack([np.eye(p) - H @ at_rest[:, :p], H @ at_rest[:, p:]])
+    z[model.regressors.count * (p + m) :] = 1.0
     moves = at_rest * np.where(np.arange(p + m) < p, -1.0, 1.0)  # of the true z
     settled = _settled(L, noise, calls)
     gate = _core.Gate.of(region.core, settled, FALSE_ALARM)
@@ -75,7 +107,7 @@ def explained(
 
     def fitted(which: list[int]) -> Floats | None:
         """The sizes of these causes; None if they are refuted."""
-        size = np.linalg.lstsq(white @ effects[:, which], white @ bias, rcond=1e-9)[0]
+        size: Any = np.linalg.lstsq(white @ effects[:, which], white @ bias, rcond=1e-9)[0]
         for far in map(misfit, (z, z + moves[:, which] @ size)):
             if not np.isfinite(far).all():
                 return size

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -107,7 +107,8 @@ def explained(
 
     def fitted(which: list[int]) -> Floats | None:
         """The sizes of these causes; None if they are refuted."""
-        size: Any = np.linalg.lstsq(white @ effects[:, which], white @ bias, rcond=1e-9)[0]
+        solved = np.linalg.lstsq(white @ effects[:, which], white @ bias, rcond=1e-9)
+        size: Floats = np.asarray(solved[0], dtype=np.float64)
         for far in map(misfit, (z, z + moves[:, which] @ size)):
             if not np.isfinite(far).all():
                 return size

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import re
 import warnings
 from dataclasses import replace
 
@@ -815,3 +816,24 @@ def test_what_is_lost_for_ever_is_said():
         drive.step(loop(drive.read()[0]))
     assert (loop.log[-1].status, loop.log[-1].reason) == ("gain", None)
     assert "missing" not in str(loop.watch)
+
+
+def test_friction_that_no_line_fits_is_said():
+    """1 % of the torque, in logs and loop alike: slow turns, where the logs were fast."""
+    loop = two_masses.loop(0.02, watched=True)
+    loop.target = {"load": 60.0 * np.sin(np.arange(1800.0) / 95.0)}
+    drive = two_masses.Drive(np.random.default_rng(1), friction=0.02)
+    two_masses.ride(loop, drive, 1800)
+    said = str(loop.watch)
+    found = re.search(
+        "or the plant is not linear: torque was of (.*), in the logs of (.*) .rms", said
+    )
+    assert found is not None
+    assert float(found[1]) == pytest.approx(0.11, rel=0.1)
+    assert float(found[2]) == pytest.approx(np.sqrt(1.8**2 / 3.0), rel=0.03)
+    loop = two_masses.loop(watched=True)  # as fast as the logs
+    loop.target = {"load": 60.0 * np.sign(np.sin(np.arange(700.0) / 95.0))}
+    drive = two_masses.Drive(np.random.default_rng(1))
+    two_masses.ride(loop, drive, 700, lambda drive: setattr(drive, "inertia", 0.06), 300)
+    assert "alarm at call" in str(loop.watch)
+    assert "not linear" not in str(loop.watch)

@@ -24,6 +24,7 @@ LAWS: tuple[LawOfWatch, ...] = ("variance", "gaussian", "symmetric", "bounded")
 CREDIBLE = 0.95
 HISTORY = 10_000  # calls whose evidence is drawn
 LOST = 20  # calls in a row in which something is missing, so that it is no chance
+OTHERWISE = 3.0  # times the size in the logs, or parts of it, where one that is not linear differs
 RECENT = 1_000  # calls before an alarm in which its onset is looked for
 FIXED = ("proof", "promise", "law", "moving")  # what a watch is made of
 
@@ -219,7 +220,20 @@ class Watch(Durable):
         if self.onset is not None:
             first_one, last = self.onset
             since = f"from between calls {first_one:.0f} and {last:.0f} on ({CREDIBLE:.0%})"
-        return f"{what}, {since}, alarm at call {call:.0f}"
+        return f"{what}, {since}, alarm at call {call:.0f}{self._elsewhere}"
+
+    @property
+    def _elsewhere(self) -> str:
+        """Which inputs moved otherwise before an alarm than in the logs, if one did."""
+        own, found = self._source.window, []
+        acted = np.array(self._recent).reshape(len(self._recent), -1)[:, len(own.outputs) :]
+        logged = self._source.sizes[own.count * len(own.outputs) :]
+        with np.errstate(all="ignore"):
+            sizes = np.sqrt(np.nanmean(np.square(acted), axis=0)) if len(acted) else []
+        for name, now, before in zip(own.inputs, sizes, logged, strict=False):
+            if now > OTHERWISE * before or OTHERWISE * now < before:
+                found.append(f"{name} was of {now:.3g}, in the logs of {before:.3g}")
+        return f"; or the plant is not linear: {show.listed(found)} (rms)" if found else ""
 
     def sees(self, steps: int = 200) -> dict[str, float]:
         """What would be seen now within so many steps: a rule from the last 200 pairs, no bound.

@@ -67,6 +67,13 @@ class Predictor(SavedRecord):
             found[name] = list(range(past + j, past + own.count * m, m))
         return {**found, "1": [own.length - 1]} if own.intercept else found
 
+    @property
+    def sizes(self) -> Floats:
+        """The rms of each regressor in the data of the region; nan where no one part says so."""
+        part, found = self.region.parts[0], np.full(self.window.length, np.nan)
+        found[part.columns] = np.linalg.norm(part.root, axis=0) / np.sqrt(self.pairs)
+        return found
+
     def watch(
         self, law: str = "variance", moving: bool = False, promise: float = 1e5
     ) -> _core.Watch:

@@ -75,8 +75,25 @@ def test_too_few_logs_say_how_many_more():
     assert "and the model itself: take another gain" in repr(proof)
     proof = dataclasses.replace(proof, least=1.5, spectral_radius=0.9)
     assert "; more logs, or a gain with a better margin" in repr(proof)  # of what is not known
-    proof = dataclasses.replace(proof, status="undecided", least=0.8)
-    assert "the proof fails by rounding, with a region 0.8 times as large" in repr(proof)
+
+
+def test_what_rounding_decides_has_a_reason():
+    """Many filters that are long beside what they follow."""
+    rng = np.random.default_rng(1)
+    u, y, x = np.repeat(rng.standard_normal((300, 1)), 10, axis=0), np.zeros((3001, 1)), 0.0
+    for k in range(3000):
+        x = 0.995 * x + 0.01 * u[k, 0] + 0.002 * rng.standard_normal()
+        y[k + 1] = x + 0.003 * rng.standard_normal()
+    data, how = se.Trajectories([y], [u], outputs=True), ("memory", "offset")
+    found = []
+    for count in (12, 13, 14):
+        model = se.identify(data, window=se.Window(filters=(0.9, count)), checks=False, accept=how)
+        loop = se.regulate(se.gain(model, 100.0, 1.0), offset_free=True)
+        found.append(loop.certificate(0.05))
+    proof = next(one for one in found if one.status == "undecided")
+    assert "the proof fails by rounding, with a region" in proof.reason
+    assert "fewer lags or filters" in proof.reason
+    assert proof.reason in repr(proof)
 
 
 @pytest.mark.usefixtures("noise_by_formula")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+import two_masses
 from coverage_study import sets
 from stochens_rs.loops.sensors import explained
 
@@ -80,7 +81,8 @@ def test_when_two_sensors_are_wrong_none_is_named_alone():
     said = [text for text in said if text is not None]
     assert said
     for text in said:
-        assert "contradict each other at rest, and no single sensor explains it" in text
+        assert "no single sensor explains what was learned at rest: a load acts elsewhere" in text
+        assert "or two sensors are wrong" in text
 
 
 def test_the_fit_is_exact_without_noise():
@@ -106,3 +108,70 @@ def test_when_there_is_nothing_to_say():
     model = hidden(1, 3, 1)[2]
     loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=False, target=[0.0, np.nan, np.nan])
     assert loop.explanation is None
+
+
+@pytest.mark.parametrize("constant", [-0.1, -0.3, 1.0])
+def test_a_constant_at_the_input_of_a_long_window_is_said(constant):
+    """Many lags: what the region may be off is an ellipsoid, of which no ball is needed."""
+    drive = two_masses.Drive(np.random.default_rng(3))
+    drive.at_input = constant
+    said = two_masses.ride(two_masses.loop(), drive, 1200).explanation
+    assert number(said, "^a constant acts, as (-?[0-9.e+-]+) at torque$") == pytest.approx(
+        constant, rel=0.1
+    )
+
+
+@pytest.mark.parametrize("load", [-0.3, 0.1, 0.4])
+def test_a_load_at_no_input_accuses_no_sensor(load):
+    drive = two_masses.Drive(np.random.default_rng(3))
+    drive.load = load
+    said = two_masses.ride(two_masses.loop(), drive, 1200).explanation
+    assert said.startswith("a load acts elsewhere than at torque, or motor reads ")
+    assert said.endswith("undecided which")
+    still = two_masses.ride(two_masses.loop(), two_masses.Drive(np.random.default_rng(3)), 1200)
+    assert still.explanation is None
+
+
+def test_readings_of_the_wrong_sign_do_not_follow_the_model():
+    drive = two_masses.Drive(np.random.default_rng(1))
+    drive.x[:2] = 0.8
+    loop = two_masses.ride(two_masses.loop(), drive, 400, sign=-1.0)
+    last = loop.log[-1]
+    assert last.status == "unproved"
+    assert "the readings do not follow the model: for many calls no system explains" in last.reason
+    assert {call.status for call in loop.log} == {"filling", "gain", "unproved"}
+    loop.reset()
+    well = two_masses.ride(loop, two_masses.Drive(np.random.default_rng(1)), 400)
+    assert {call.status for call in well.log} == {"filling", "gain"}
+
+
+def test_an_angle_that_turns_on_is_not_outside_of_the_logs():
+    """An output that integrates may go anywhere; see the next test for one that does not."""
+    loop, drive = two_masses.loop(), two_masses.Drive(np.random.default_rng(1))
+    loop.target = {"load": 4.0 * np.arange(1000.0)}  # 4000 degrees
+    two_masses.ride(loop, drive, 1000)
+    assert loop.log[-1].y[1] > 3500.0
+    assert {call.status for call in list(loop.log)[20:]} == {"gain"}
+
+
+def test_readings_far_outside_of_the_logs_prove_nothing():
+    """All in kelvin."""
+    rng = np.random.default_rng(1)
+    y, u = np.full((400, 2), 15.0), rng.uniform(0.0, 10.0, (399, 1))
+    for k in range(399):
+        warms = 0.1 * (y[k, ::-1] - y[k]) + 0.1 * (10.0 - y[k]) + [0.1 * u[k, 0], 0.0]
+        y[k + 1] = y[k] + warms + 0.02 * rng.standard_normal(2)
+    data = se.Trajectories([y], [u], outputs=True, state_names=["a", "b"])
+    model = se.identify(data, window=se.Window(lags=2), intercept=True, checks=False)
+    gain = se.gain(model, 1.0, 1.0)
+    loop = se.regulate(gain, target={"a": 15.0}, limits=(0.0, 10.0), offset_free=True)
+    for now in y:
+        loop(now)
+    assert {call.status for call in loop.log} == {"filling", "gain"}
+    loop.reset()
+    for now in y:
+        u = loop(now + 273.15)
+    last = loop.log[-1]
+    assert (last.status, u.tolist()) == ("unproved", [0.0])
+    assert "is far outside of the logs, which had" in last.reason
+    assert last.reason.endswith(": nothing is proved")

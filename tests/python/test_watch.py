@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import re
 import warnings
 from dataclasses import replace
 
@@ -9,13 +10,14 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+import two_masses
 from coverage_study import most, sets
 from hidden_outputs import of_lags, one_log
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, StochensError
 from stochens_rs.feedback import Watch
 from stochens_rs.identification.assumptions import ACCEPTED
-from stochens_rs.identification.changes import source_of
+from stochens_rs.identification.changes import onset_of, source_of
 from twin.watch import evidence
 
 RIG = (
@@ -718,3 +720,120 @@ def test_a_constant_that_changed_is_named():
     changes = model.accepts(se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.8 + 0.1 * w))
     assert "1" in changes.explanations
     assert "a change of one alone: a constant" in repr(changes)
+
+
+def _onsets(name, law, louder, runs):
+    """Of each run the first call that a change moves, and the interval that the watch says."""
+    (A, B), _, model = made(name)
+    sizes, dither = PLANTS[name][2:]
+    gain = se.gain(model, np.diag(sizes**-2.0), np.eye(B.shape[1]) / dither**2)
+    proof, found = gain.certificate(0.05), []
+    for seed in range(runs):
+        rng, watch, x = np.random.default_rng(seed), proof.watch(every=1e4), np.zeros(len(A))
+        at = int(rng.integers(100, 600))
+        for k in range(1500):
+            u, changed = gain.K @ x + dither * rng.standard_normal(B.shape[1]), k >= at
+            assert watch.onset is None
+            if watch(x, u).status == "alarm":
+                found.append((at + 2, watch.onset))
+                break
+            size = sizes * (louder if changed else 1.0)
+            x = A @ x + (0.6 if changed and louder == 1.0 else 1.0) * B @ u
+            x = x + noise(rng, len(A), law) * size
+    return np.array([(at, *onset) for at, onset in found])
+
+
+@pytest.mark.parametrize("name", ["rig", "room", "one"])
+@pytest.mark.parametrize(("law", "louder"), [("gaussian", 1.0), ("t(3)", 1.0), ("gaussian", 2.0)])
+def test_a_change_began_where_the_onset_says(name, law, louder):
+    """Inputs at 60 %, or noise twice as loud, from a call between 102 and 602 on."""
+    runs = sets(60, 8)
+    at, first, last = _onsets(name, law, louder, runs).T
+    assert len(at) >= 0.9 * runs
+    assert ((first <= at) & (at <= last)).mean() >= 0.75  # of few runs; 95 % with Gaussian noise
+    assert np.median(last - first) <= 120.0
+
+
+def test_the_onset_of_a_drive_is_not_the_first_full_window():
+    hits = []
+    for seed in range(8):
+        loop, drive = two_masses.loop(watched=True), two_masses.Drive(np.random.default_rng(seed))
+        loop.target = {"load": 60.0 * np.sign(np.sin(np.arange(1200.0) / 95.0))}
+        at = 400 + 50 * seed
+        two_masses.ride(loop, drive, 1200, lambda drive: setattr(drive, "inertia", 0.06), at)
+        first, last = loop.watch.onset
+        hits.append(first <= at + 3 and at + 2 <= last)
+        assert f"from between calls {first:.0f} and {last:.0f} on (95%)" in str(loop.watch)
+        assert first > 17
+    assert np.mean(hits) >= 0.75  # the window is not exactly long enough
+    assert copy.copy(loop.watch).onset == (first, last)
+
+
+def test_without_a_pair_the_onset_cannot_be_told():
+    source = source_of(made("one")[2], made("one")[2].region(0.05))
+    assert onset_of(source, np.full((5, 2), np.nan), [0], 0.05) is None
+
+
+def test_pairs_at_rest_tell_nothing_of_single_effects():
+    """A loop of readings at rest without dither: of a small constant no share of an effect."""
+    rng = np.random.default_rng(2)
+    y, u = np.zeros((401, 1)), rng.standard_normal((400, 1))
+    for k in range(1, 400):
+        y[k + 1] = 1.5 * y[k] - 0.55 * y[k - 1] + u[k] + 0.1 * rng.standard_normal(1)
+    data = se.Trajectories([y], [u], outputs=True)
+    model = se.identify(data, window=se.Window(lags=4), intercept=True, checks=False)
+    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+    loop.watch = loop.certificate(0.05).watch(every=1e4)
+    now = before = np.zeros(1)
+    for k in range(400):
+        heat = 0.25 if k > 300 else 0.0
+        noise = 0.1 * rng.standard_normal(1)
+        now, before = 1.5 * now - 0.55 * before + loop(now) + heat + noise, now
+    changes = loop.watch.changes()
+    assert changes.pairs > 20
+    assert (changes.status, changes.explanations) == ("not refuted", ())
+    assert min(changes.detectable.values()) > 1.0
+    assert "these pairs tell nothing of single effects" in str(changes)
+    assert "%" not in str(changes)
+
+
+def test_what_is_lost_for_ever_is_said():
+    """A sensor that is lost: the watch sees nothing, and nothing is proved of the loop."""
+    loop, drive = two_masses.loop(watched=True), two_masses.Drive(np.random.default_rng(1))
+    for k in range(150):
+        y = drive.read()[0]
+        drive.step(loop([y[0], np.nan if k >= 100 else y[1]]))
+        if k == 99:
+            assert (loop.log[-1].status, loop.log[-1].reason) == ("gain", None)
+            assert "missing" not in str(loop.watch)
+    lost = "nothing is watched: load is missing for 50 calls"
+    assert (loop.log[-1].watch.status, loop.log[-1].watch.reason) == ("skipping", lost)
+    assert lost in str(loop.watch)
+    assert loop.log[-1].status == "unproved"
+    assert "load was not read in the last 50 calls: nothing is proved" in loop.log[-1].reason
+    assert str(copy.copy(loop.watch)) == str(loop.watch)
+    for _ in range(60):
+        drive.step(loop(drive.read()[0]))
+    assert (loop.log[-1].status, loop.log[-1].reason) == ("gain", None)
+    assert "missing" not in str(loop.watch)
+
+
+def test_friction_that_no_line_fits_is_said():
+    """1 % of the torque, in logs and loop alike: slow turns, where the logs were fast."""
+    loop = two_masses.loop(0.02, watched=True)
+    loop.target = {"load": 60.0 * np.sin(np.arange(1800.0) / 95.0)}
+    drive = two_masses.Drive(np.random.default_rng(1), friction=0.02)
+    two_masses.ride(loop, drive, 1800)
+    said = str(loop.watch)
+    found = re.search(
+        "or the plant is not linear: torque was of (.*), in the logs of (.*) .rms", said
+    )
+    assert found is not None
+    assert float(found[1]) == pytest.approx(0.11, rel=0.1)
+    assert float(found[2]) == pytest.approx(np.sqrt(1.8**2 / 3.0), rel=0.03)
+    loop = two_masses.loop(watched=True)  # as fast as the logs
+    loop.target = {"load": 60.0 * np.sign(np.sin(np.arange(700.0) / 95.0))}
+    drive = two_masses.Drive(np.random.default_rng(1))
+    two_masses.ride(loop, drive, 700, lambda drive: setattr(drive, "inertia", 0.06), 300)
+    assert "alarm at call" in str(loop.watch)
+    assert "not linear" not in str(loop.watch)

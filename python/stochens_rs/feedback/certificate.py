@@ -50,7 +50,7 @@ class LoopCertificate(SavedRecord):
         "certified": all systems of the region are stable, which is proved. "refuted": `member` is
         in the region and unstable. "not provable": no proof by a quadratic Lyapunov function, and
         no unstable system was found. "undetermined": the data do not determine the loop; see
-        `reason`. "undecided": rounding decides. Only the first is a promise.
+        `reason`. "undecided": rounding decides, see `reason`. Only the first is a promise.
     norm : float
         A proved upper bound of ``rho g``; infinite where there is none.
     least : float
@@ -810,12 +810,6 @@ class LoopCertificate(SavedRecord):
             what += f"`member`{end}"
         elif why is not None:
             what = f"{self.status}: {why}"
-        elif self.status == "undecided":
-            what = (
-                "undecided: no system of the region was found unstable, but the proof fails by "
-                f"rounding, with a region {self.least:.6g} times as large as the largest that can "
-                "be proved: fewer lags or filters, or more weight of the inputs, help"
-            )
         else:
             size = f"{self.least:.3g} times as large as can be proved"
             what = f"{self.status}: the region is {size}; {self._cure}"
@@ -904,6 +898,12 @@ def judged(
         if np.isfinite(region.radius):
             along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
             reason = f"the data do not determine the system along {along}"
+    if doubt is None and found.status == "undecided":
+        reason = (
+            "no system of the region was found unstable, but the proof fails by rounding, with a "
+            f"region {found.sizes[1]:.6g} times as large as the largest that can be proved: fewer "
+            "lags or filters, or more weight of the inputs, help"
+        )
     if model is not None and found.status in ("refuted", "not provable") and found.sizes[2] < 1.0:
         reason = unmoved(model, region.delta)
     warnings = tuple(one for one in (model.warnings if model else ()) if one != doubt)

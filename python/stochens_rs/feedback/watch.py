@@ -13,15 +13,19 @@ from .._base import show, validation
 from .._base.files import Durable
 from .._base.names import Labels
 from .._base.records import SavedRecord
-from .._base.types import ArrayLike, Axes, Self
+from .._base.types import ArrayLike, Axes, Floats, Self
 from ..exceptions import InputError
-from ..identification.changes import Changes, Predictor
+from ..identification.changes import Changes, Predictor, onset_of
 from ..plots.lines import draw_evidence
 
 WatchStatus: TypeAlias = Literal["quiet", "alarm", "blind", "skipping"]
 LawOfWatch: TypeAlias = Literal["variance", "gaussian", "symmetric", "bounded"]
 LAWS: tuple[LawOfWatch, ...] = ("variance", "gaussian", "symmetric", "bounded")
+CREDIBLE = 0.95
 HISTORY = 10_000  # calls whose evidence is drawn
+LOST = 20  # calls in a row in which something is missing, so that it is no chance
+OTHERWISE = 3.0  # times the size in the logs, or parts of it, where one that is not linear differs
+RECENT = 1_000  # calls before an alarm in which its onset is looked for
 FIXED = ("proof", "promise", "law", "moving")  # what a watch is made of
 
 
@@ -39,7 +43,8 @@ class Watched:
     alarms : int
         How many there were.
     reason : str or None
-        What cannot have been measured (inf, or beyond 1e140), and is taken as missing.
+        What cannot have been measured (inf, or beyond 1e140), and is taken as missing; or what is
+        missing for so long that nothing is watched.
     """
 
     status: WatchStatus | str
@@ -90,6 +95,13 @@ class Watch(Durable):
         self.history: deque[float] = deque(maxlen=HISTORY)
         self._next = np.full(len(self._source.window.inputs), np.nan)
         self._loop: Any = None
+        self._lost = np.zeros(sum(map(len, self.names)), dtype=int)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget the calls before an alarm."""
+        self._recent: deque[Floats] = deque(maxlen=RECENT)
+        self._onset: tuple[float, float] | None = None
 
     def __call__(self, y: ArrayLike, u: ArrayLike, *, applied: ArrayLike | None = None) -> Watched:
         """Look at one step.
@@ -118,10 +130,25 @@ class Watch(Durable):
         acted = self._next if applied is None else validation.measured("applied", applied, inputs)
         now, names = np.concatenate([read, acts]), (*outputs, *inputs)
         broken = validation.broken(np.where(np.isnan(now), 0.0, now), 1e140, names)
-        status, evidence, alarms = self._core.step(read, acted)
-        found = Watched(status, evidence, alarms, broken)
+        status, evidence, alarms = self._step(read, acted)
+        found = Watched(status, evidence, alarms, broken or self._missing)
         self.history.append(found.evidence)
         self._next = acts.copy()
+        return found
+
+    @property
+    def _missing(self) -> str | None:
+        """What was missing in the last calls, if for so long that it is no chance."""
+        i = int(self._lost.argmax())
+        if self._lost[i] < LOST:
+            return None
+        return f"nothing is watched: {sum(self.names, ())[i]} is missing for {self._lost[i]} calls"
+
+    def _step(self, read: Floats, acted: Floats) -> tuple[str, float, int]:
+        if self._core.now[3] is None:
+            self._recent.append(np.concatenate([read, acted]))
+        self._lost = np.where(np.isfinite(np.concatenate([read, acted])), 0, self._lost + 1)
+        found: tuple[str, float, int] = self._core.step(read, acted)
         return found
 
     @property
@@ -162,18 +189,51 @@ class Watch(Durable):
         return f"{'load' if load else columns[column]} on {outputs[direction]}"
 
     @property
+    def onset(self) -> tuple[float, float] | None:
+        """Between which calls the change began that the first alarm since `clear` saw.
+
+        With 95 % for Gaussian noise and one change of coefficients or noise that stays, where
+        nothing is known of the time beforehand; of the last 1000 calls. None without an alarm, or
+        where each row has a region of its own.
+        """
+        first = self._core.now[3]
+        if first is not None and self._onset is None and self._recent:
+            before = first[0] - len(self._recent) + 1.0
+            rows = self._core.rows
+            found = onset_of(self._source, np.array(self._recent), rows, 1.0 - CREDIBLE)
+            self._onset = found and (before + found[0], before + found[1])
+        return self._onset
+
+    @property
     def alarm(self) -> str | None:
-        """What the first alarm since `clear` saw, and from which call on; None without one."""
+        """What the first alarm since `clear` saw, and when that began, see `onset`; or None."""
         first = self._core.now[3]
         if first is None:
             return None
-        call, onset, part, direction, column, fell = first
+        call, _, part, direction, column, fell = first
         what = "a change of several effects" if part == 4 else "the noise is larger than its bound"
         if part < 3:
             name = self._name(direction, column)
             effect = "" if name.startswith("load on ") else "the effect of "
             what = f"{effect}{name} is {'smaller' if fell else 'larger'}"
-        return f"{what}, from about call {onset:.0f} on, alarm at call {call:.0f}"
+        since = "when it began cannot be told"
+        if self.onset is not None:
+            first_one, last = self.onset
+            since = f"from between calls {first_one:.0f} and {last:.0f} on ({CREDIBLE:.0%})"
+        return f"{what}, {since}, alarm at call {call:.0f}{self._elsewhere}"
+
+    @property
+    def _elsewhere(self) -> str:
+        """Which inputs moved otherwise before an alarm than in the logs, if one did."""
+        own, found = self._source.window, []
+        acted = np.array(self._recent).reshape(len(self._recent), -1)[:, len(own.outputs) :]
+        logged = self._source.sizes[own.count * len(own.outputs) :]
+        with np.errstate(all="ignore"):
+            sizes = np.sqrt(np.nanmean(np.square(acted), axis=0)) if len(acted) else []
+        for name, now, before in zip(own.inputs, sizes, logged, strict=False):
+            if now > OTHERWISE * before or OTHERWISE * now < before:
+                found.append(f"{name} was of {now:.3g}, in the logs of {before:.3g}")
+        return f"; or the plant is not linear: {show.listed(found)} (rms)" if found else ""
 
     def sees(self, steps: int = 200) -> dict[str, float]:
         """What would be seen now within so many steps: a rule from the last 200 pairs, no bound.
@@ -309,7 +369,8 @@ class Watch(Durable):
 
     def _skip(self) -> None:
         """Say that the next call does not follow on the last one, as where the plant was moved."""
-        self._core.step(*(np.full(len(names), np.nan) for names in self.names))
+        read, acted = (np.full(len(names), np.nan) for names in self.names)
+        self._step(read, acted)
 
     def clear(self) -> None:
         """Take the alarm as seen: quiet until the next one; the pairs after it are forgotten.
@@ -332,6 +393,7 @@ class Watch(Durable):
         (True, 'undetermined')
         """
         self._core.clear()
+        self._begin()
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Draw the evidence over the last calls, with the threshold.
@@ -373,13 +435,18 @@ class Watch(Durable):
     def __getstate__(self) -> dict[str, Any]:
         own = {name: getattr(self, name) for name in FIXED}
         history, state = np.array(self.history), self._core.state()
-        return {**own, "state": state, "history": history, "next": self._next}
+        recent = np.array(self._recent).reshape(len(self._recent), sum(map(len, self.names)))
+        now = {"history": history, "next": self._next, "recent": recent}
+        now["lost"] = self._lost
+        return {**own, "state": state, **now}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         Watch.__init__(self, *(state[name] for name in FIXED))
         self._core.resume(state["state"])
         self._next = np.array(state["next"])
         self.history.extend(state["history"].tolist())
+        self._recent.extend(np.array(state["recent"]))
+        self._lost = np.array(state["lost"])
 
     def _to_sections(self) -> dict[str, Any]:
         return WatchState(self.__getstate__())._to_sections()
@@ -399,6 +466,6 @@ class Watch(Durable):
         return f"false alarms at most {often} for {null}, noise '{self.law}'"
 
     def __repr__(self) -> str:
-        last = "" if self.alarm is None else f"; {self.alarm}"
+        last = "".join(f"; {one}" for one in (self.alarm, self._missing) if one)
         calls = show.number_of(len(self.history), "call")
         return f"<Watch: {self.statement}, {calls}{last}>"

@@ -24,7 +24,7 @@ from ..validation.held_out import Asked, PredictedLoop, Runs, Validation, valida
 
 LOGGED = 1000  # calls that the log keeps
 # Made anew in a copy, from what `_saved` says.
-CORE = ("_matrices", "_point", "_solver", "_window", "kept")
+CORE = ("_matrices", "_point", "_range", "_solver", "_window", "kept")
 
 Entry = TypeVar("Entry")
 

@@ -45,12 +45,13 @@ from ..validation.held_out import PredictedLoop
 from .keep import Found, Keep, Kept, limits_of_readings, resumed
 from .loop import ControlLoop
 from .regulator import condensed, continued, warn_of_growth
-from .sensors import bounded, explained
+from .sensors import Range, bounded, explained
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain", "unproved"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
 SURE = 3.0  # deviations of the noise: what a loop runs with knows the next readings so well
 EASE = 0.01  # of the weights of the inputs of a gain: what those cost that are known beforehand
+STRAYS = 20  # calls, more than those that follow, whose readings no system explains
 SETTLES = 100  # calls behind the last target in which what was added to the inputs dies out
 MOVED = 0.01  # of the range of the limits: how far the set point may move without a new problem
 
@@ -72,7 +73,8 @@ class Reading(NamedTuple):
         "gain", or that of the plan; "filling" or "cannot start" while the window does not say
         enough; "held": the last input once more. With `keep` also "kept": an earlier plan goes on;
         "infeasible": no plan was accepted yet, the input is ``K x`` within the limits; "unproved":
-        the promise has ended.
+        the promise has ended. Of a gain "unproved" while the readings do not follow the model, one
+        is not read for 20 calls, or is far outside of the logs and does not integrate.
     seconds : float
         The time that the call took [s].
     target : ndarray, shape (n_outputs,)
@@ -158,6 +160,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_high",
         "_law",
         "_learning",
+        "_lost",  # calls in a row in which each output was not read
         "_low",
         "_max_missing",
         "_measures",  # whether there are inputs that are measured
@@ -166,6 +169,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_past",  # the first states of the window, if the outputs had been at the targets
         "_point",
         "_policy",
+        "_range",  # of the outputs in the logs
         "_rate",
         "_rows",
         "_runs",
@@ -173,6 +177,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_solver",
         "_started",
         "_steps",
+        "_strays",  # calls of late whose readings no system of the region explains
         "_system",  # A, B, c of the plans
         "_way",  # of the window along the targets to come, and these
         "_weights",
@@ -283,6 +288,7 @@ class ReadingLoop(ControlLoop[Reading]):
             self.kept = resumed(kept[0])
         self._point = self._without_limits(*self._aimed)
         y, u, _ = self.model.data.pairs()
+        self._range = Range(self.model)
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
         self._window = _core.Readings(
             self.model.regressors.core,
@@ -308,6 +314,7 @@ class ReadingLoop(ControlLoop[Reading]):
         self._bias: Floats = np.zeros(self.model.n_outputs)
         self._fading, self._past = (np.zeros(self.model.m), 0.0), self._rows[0]
         self._runs = self._started = self._at_rest = self._ahead = False
+        self._strays, self._lost = 0, np.zeros(self.model.n_outputs, dtype=int)
         if self.kept is not None:
             self.kept.reset()
             self._solver = None
@@ -421,6 +428,8 @@ class ReadingLoop(ControlLoop[Reading]):
             why.append("the window is lost: it begins anew")
         else:
             self._bias = bias
+        if status == "gain":
+            status = self._judged(y, off, rejected, why)
         if follows == "waits":
             waits, stuck = self._waits()
             why.append(waits)
@@ -428,6 +437,22 @@ class ReadingLoop(ControlLoop[Reading]):
         self._started = self._started or self._runs
         how: Any = {"predicted": predicted, "rejected": rejected, "reason": "; ".join(why) or None}
         return self._returned(u, y, acted, started, status=status, **how)
+
+    def _judged(self, y: Floats, off: float, rejected: bool, why: list[str]) -> ReadingStatus:
+        """Whether what was proved of the gain can be true of these readings."""
+        seen = np.abs(y) <= self._most[: len(y)]
+        self._strays = min(max(self._strays + (1 if off > 1.0 else -1), 0), 2 * STRAYS)
+        self._lost = np.where(seen, 0, self._lost + 1)
+        wrong = None if rejected else self._range.outside(np.where(seen, y, np.nan))
+        i = int(self._lost.argmax())
+        if self._lost[i] >= STRAYS:
+            wrong = f"{self.model.outputs[i]} was not read in the last {self._lost[i]} calls"
+        if self._strays >= STRAYS:
+            wrong = "the readings do not follow the model: for many calls no system explains them"
+        if wrong is None:
+            return "gain"
+        why.append(f"{wrong}: nothing is proved")
+        return "unproved"
 
     def _waits(self) -> tuple[str, bool]:
         """What the loop waits for, and whether it will do."""
@@ -779,11 +804,12 @@ class ReadingLoop(ControlLoop[Reading]):
     def explanation(self) -> str | None:
         """What the bias that was learned at rest says, beside noise and the error of the model.
 
-        A constant that acts at the inputs, or a sensor that reads wrong by so much, or "undecided
-        which": without more outputs than inputs both explain all, and of n outputs one is named
-        where ``n >= m + 2``, as far as they move the next readings in different directions. None
-        where nothing acts that noise and the region do not explain (with 1e-4 at rest), or the loop
-        is not at rest for long enough: some 100 calls without a missing reading.
+        A constant that acts at the inputs, or elsewhere (a load), or a sensor that reads wrong by
+        so much, or "undecided which": without more outputs than inputs the first explains all, and
+        of n outputs one is named alone where ``n >= m + 2``, as far as they move the next readings
+        in different directions. None where nothing acts that noise and the region do not explain
+        (with 1e-4 at rest), or the loop is not at rest for long enough: some 100 calls without a
+        missing reading.
         """
         L = self._learning[0]
         if not L.any():
@@ -797,8 +823,9 @@ class ReadingLoop(ControlLoop[Reading]):
         off = np.linalg.norm(T @ np.array([self._bias - half[0].bias, self._bias]).T, axis=0)
         if off[0] > max(1.0, 0.2 * off[1]):
             return None
-        y, u = (np.mean([getattr(one, name) for one in half], axis=0) for name in "yu")
-        return explained(self.model, self._bias, L, y, u)
+        names = "y", "u", "bias"
+        y, u, bias = (np.mean([getattr(one, name) for one in half], axis=0) for name in names)
+        return explained(self.model, bias, L, y, u, len(half))
 
     @property
     def limits(self) -> tuple[Floats, Floats]:

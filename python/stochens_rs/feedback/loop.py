@@ -352,27 +352,28 @@ def gain(
         region = in_states(
             model, region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
         )
-    if Q is None or R is None:
-        assert region is not None
-        K, S, parameter = _core.widest_gain(region.core)
-        method = "widest margin"
-    else:
-        weights = (
-            weight("Q", for_outputs(model, Q), n, labels=names.states),
-            weight("R", R, len(chosen), positive=True, labels=[names.inputs[j] for j in chosen]),
-        )
-        if region is None:
-            own = np.ascontiguousarray(B[:, chosen])
-            part, S, parameter = _core.feedback_gain(A, own, *weights, names.states)
-            K, of_inputs = np.zeros((m, n)), np.zeros((m, m))
-            K[chosen], of_inputs[np.ix_(chosen, chosen)] = part, weights[1]
-            of_inputs = validation.frozen(of_inputs)
+    free = [names.inputs[j] for j in chosen]
+    try:
+        if Q is None or R is None:
+            assert region is not None
+            K, S, parameter = _core.widest_gain(region.core)
+            method = "widest margin"
         else:
-            try:
+            weights = (
+                weight("Q", for_outputs(model, Q), n, labels=names.states),
+                weight("R", R, len(free), positive=True, labels=free),
+            )
+            if region is None:
+                own = np.ascontiguousarray(B[:, chosen])
+                part, S, parameter = _core.feedback_gain(A, own, *weights, names.states)
+                K, of_inputs = np.zeros((m, n)), np.zeros((m, m))
+                K[chosen], of_inputs[np.ix_(chosen, chosen)] = part, weights[1]
+                of_inputs = validation.frozen(of_inputs)
+            else:
                 K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
-            except SolverError as error:
-                raise SolverError(f"{error}{_too_large(model, region)}") from None
-            method = "guaranteed cost"
+                method = "guaranteed cost"
+    except SolverError as error:
+        raise SolverError(_why(str(error), model, region)) from None
     return trusted(
         Loop,
         A=validation.frozen(A),
@@ -389,24 +390,34 @@ def gain(
     )
 
 
-def _too_large(model: Identified | None, region: Region) -> str:
-    """Why there is no guarantee for a region: an input that is not seen to act, or few logs."""
-    reason = None if model is None else unmoved(model, region.delta)
+def _why(found: str, model: Identified | None, region: Region | None) -> str:
+    """Why there is no gain, with what to do: doubts, inputs that act late or not, or few logs."""
+    if model is not None and model.doubts:
+        return f"{found if region is None else 'no gain was found'}: {model.doubts[0]}"
+    if model is None or region is None:
+        return found
+    window = model.window if isinstance(model, Model) else None
+    if window is not None and window.delay:
+        return (
+            f"no gain was found: inputs act {show.number_of(window.delay, 'step')} late; pass Q and"
+            " R, and no `guarantee`: the certificate of that gain holds for all systems of the "
+            "region"
+        )
+    reason = unmoved(model, region.delta)
     if reason is not None:
-        return f": {reason}"
+        return f"{found}: {reason}"
     try:
         widest = _core.widest_gain(region.core)[2]
     except SolverError:
-        return ""
+        return found
     if not 0.0 < widest < 1.0:
-        return ""
+        return found
 
     def holds(later: Region) -> bool:
-        assert model is not None
         return _core.widest_gain(in_states(model, later).core)[2] >= 1.0
 
     more = more_logs(model, region.delta, holds)
-    return f": it is {1.0 / widest:.3g} times as large as can be; {more}"
+    return f"{found}: it is {1.0 / widest:.3g} times as large as can be; {more}"
 
 
 def for_outputs(model: object, value: ArrayLike) -> ArrayLike:

@@ -197,12 +197,12 @@ TEXTS = {
     "memory": "one step earlier, states and inputs explain {share}{most}: a state that is missing, "
     "or read with error, smoothed, differenced, or noise lasts: pass what was read as outputs=",
     "short": "a window of {next} explains {percent} % more: certificates assume that {own} "
-    "suffice; {take}more {what}, or declare Window(tail=)",
+    "suffice; {take}more {what}, {faster}or declare Window(tail=)",
     "nonlinear": "squares, products, cubes or signs of {signals} explain {share}: the plant is "
-    "not linear there (dead zone, saturation, friction); use a smaller range",
-    "change": "{part}: use what belongs together",
+    "not linear there (dead zone, saturation, friction); use a smaller range{slow}",
+    "change": "{part}: use what belongs together{slow}",
     "drift": "the model changes over each run ({share} explained), as of what warms up or wears: "
-    "use a part of the runs, or measure more states",
+    "use a part of the runs, or measure more states{slow}",
     "noise size": "residuals {of}are {two} times as large as the declared {law}: declare what it "
     "is, or leave `sigma` or `covariance` out",
     "noise shape": "residuals are of no '{covariance}' covariance: leave it out",
@@ -274,7 +274,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
     names, window, at = model.outputs, model.window, test.at.tolist()
     first = at[0] if at else 0
     state = names[first] if at and first < len(names) else ""
-    words: dict[str, str] = {} if window is None else window.words
+    words = {"slow": ""} if window is None else window.words
     most = ""
     if len(test.each) and test.each.max() > 0.0:
         largest = np.flatnonzero(test.each >= 0.5 * test.each.max()).tolist()

@@ -388,3 +388,47 @@ def test_a_column_of_another_rate_is_named(tmp_path):
     (path := tmp_path / "slow.csv").write_text("\n".join(["t,motor,load,u", *rows]) + "\n")
     with pytest.raises(InputError, match=r"load is in 15% of its rows alone.*log them at one rate"):
         se.Trajectories.from_csv(path, outputs=["motor", "load"], inputs=["u"], time="t")
+
+
+# -- codes of a missing value --------------------------------------------------------------------
+
+
+def readings(cell=None, value=0.0, inputs=None, late=0):
+    """Eight runs of two readings of a plant, with one cell of (run, row, column) put to a value."""
+    gen, runs = np.random.default_rng(8), []
+    A, B = np.array([[0.9, 0.2], [0.0, 0.7]]), np.array([0.1, 1.0])
+    for _ in range(8):
+        y, u = np.zeros((61, 2)), gen.standard_normal(60) if inputs is None else inputs.copy()
+        for k in range(60):
+            y[k + 1] = A @ y[k] + B * u[k] + 0.02 * gen.standard_normal(2)
+        runs.append((y, u[:, None]))
+    if cell is not None:
+        run, row, column = cell
+        runs[run][column // 2][row, column % 2] = value
+    names = {"state_names": ["pos", "speed"], "input_names": ["force"]}
+    data = se.Trajectories(*zip(*runs, strict=True), outputs=True, dt=0.5, **names)
+    return se.identify(data, window=se.Window(lags=2), checks=False)
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize("value", [-9999.0, 999.0, 32767.0])
+@pytest.mark.parametrize("cell", [(r, k, c) for r in (0, 6) for k in (0, 1, 9) for c in range(3)])
+def test_a_code_of_a_missing_value_is_named_wherever_it_stands(cell, value):
+    """Also in the first rows, which tell the scale, and in those that only fill the window."""
+    run, row, column = cell
+    name = ("pos", "speed", "force")[column]
+    where = f"at {0.5 * row:.6g} s of data[{run}] ({name} = {value:g})"
+    doubts = readings(cell, value).doubts
+    assert "cells are far from all others, " + where in doubts[0]
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_any_reading_far_from_all_others_is_named():
+    assert "at 0.5 s of data[0] (pos = 150)" in readings((0, 1, 0), 150.0).doubts[0]
+
+
+def test_impulses_and_what_follows_them_are_no_codes():
+    impulse = 0.001 * np.sin(np.arange(60.0))
+    impulse[20] = 50.0
+    assert "spikes" not in readings(inputs=impulse).tests
+    assert "spikes" not in readings().tests

@@ -176,8 +176,8 @@ OF_GAUSSIAN = ("outliers", "variance", "noise shape")
 OF_ROWS = ("spikes", "outliers")  # their places are pairs
 TEXTS = {
     "equal rows": "{count} pairs are equal to others to the last digit: pass them once",
-    "spikes": "readings jump there and back, at {rows}: cut these rows, or pass nan in their place "
-    "(of a CSV file: empty the cell)",
+    "spikes": "readings jump there and back, or cells are far from all others, at {rows}: cut "
+    "these rows, or pass nan in their place (of a CSV file: empty the cell)",
     "wrap": "{state} jumps by {jump}, and else by less than half of it: it wraps; unwrap it",
     "outliers": "what follows {rows} is no Gaussian noise, and moves the model by more than it: "
     "cut them, or pass them as missing (nan)",
@@ -253,18 +253,51 @@ def _in_tail(name: str, test: Tested, tail: float) -> bool:
     return tail > 0.0 and name in ("memory", "dead time") and bool(most <= 1.5 * tail)
 
 
-def _places(data: Any, pairs: list[int], odd: bool) -> str:
-    """Where pairs stand in the log: the time since the first row, the run, and the odd reading."""
+CODES = [s * (10.0**k - 1.0) for k in range(3, 9) for s in (1, -1)] + [32767, -32768, 65535, 1e30]
+#: How far a cell is from the median, over the farthest of the others: of codes, and of readings.
+FAR_CODE, FAR_READING, MOST_FAR = 2.0, 10.0, 0.01
+
+
+def far_cells(data: Any) -> dict[str, Tested]:
+    """Cells far from all others of their columns: codes of a missing value, or errors of reading.
+
+    The tests of the core look at residuals, of which one such cell spoils the scale; in the rows
+    that fill windows and those that tell the scale of a region it has none.
+    """
+    data = data if data.whole is None else data.whole  # of last pairs the pairs of all runs
+    cells = data.rows[:, : data.n + data.m]
+    away = np.abs(cells - np.median(cells, axis=0))
+    count = max(1, int(MOST_FAR * len(cells)))
+    found: list[tuple[int, int]] = []
+    for j in reversed(range(data.n + data.m)):  # inputs first: a reading may follow one
+        largest = np.sort(away[:, j])[::-1][: count + 1]
+        for own, following in zip(largest[:-1], largest[1:], strict=True):
+            at = np.flatnonzero(away[:, j] >= own)
+            code = cells[at[0], j] in CODES and bool((cells[at, j] == cells[at[0], j]).all())
+            begins = (data.layout.places()[at] == 0).any() or following == 0.0
+            read = j < data.n and not begins and all(k < data.n for _, k in found)
+            if own > (FAR_CODE if code else FAR_READING) * following and (code or read):
+                found += [(int(t), j) for t in at]
+                break
+    if not found:
+        return {}
+    at, columns = np.array(sorted(found)).T
+    return {"spikes": Tested(0.0, len(at) / len(cells), at, columns.astype(np.float64))}
+
+
+def _places(data: Any, pairs: list[int], odd: bool, columns: Floats) -> str:
+    """Where pairs stand in the log: the time since the first row, the run, and the odd cell."""
     data = data if data.whole is None else data.whole  # of last pairs the pairs of all runs
     runs, skipped, read = data.layout.runs(), data.layout.skipped(), data.rows[:, : data.n]
+    names, cells = (*data.state_names, *data.input_names), data.rows[:, : data.n + data.m]
     away = np.abs(read - np.median(read, axis=0)) / np.where(np.ptp(read, axis=0), read.std(0), 1.0)
     found = []
-    for pair in pairs[:5]:
+    for k, pair in enumerate(pairs[:5]):
         begin = int(np.searchsorted(runs, runs[pair]))
         lost = int(skipped[begin : pair + 1].sum())  # rows off the grid count as lost steps
-        step, most = pair - begin + lost, int(away[pair].argmax())
+        step, most = pair - begin + lost, int(columns[k] if len(columns) else away[pair].argmax())
         when = f"step {step}" if data.dt is None else f"{step * data.dt:.6g} s"
-        value = f" ({data.state_names[most]} = {read[pair, most]:.6g})" if odd else ""
+        value = f" ({names[most]} = {cells[pair, most]:.6g})" if odd else ""
         found.append(f"{'about ' if lost else ''}{when} of data[{runs[pair]}]{value}")
     return ", ".join(found) + (f" and {len(pairs) - 5} more" if len(pairs) > 5 else "")
 
@@ -276,7 +309,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
     state = names[first] if at and first < len(names) else ""
     words = {"slow": ""} if window is None else window.words
     most = ""
-    if len(test.each) and test.each.max() > 0.0:
+    if name != "spikes" and len(test.each) and test.each.max() > 0.0:
         largest = np.flatnonzero(test.each >= 0.5 * test.each.max()).tolist()
         most = f" of {show.listed([names[i] for i in largest])}"
     part = "the halves of the data have models of their own"
@@ -292,7 +325,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         share=f"{show.two(100 * test.share)} % of the variance",
         percent=show.two(100 * test.share),
         most=most,
-        rows="" if name not in OF_ROWS else _places(model.data, at, name == "spikes"),
+        rows="" if name not in OF_ROWS else _places(model.data, at, name == "spikes", test.each),
         count=len(at),
         state=state,
         jump=f"{test.share:.4g}",

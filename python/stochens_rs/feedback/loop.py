@@ -286,7 +286,7 @@ def gain(
         For a model of outputs also of these alone, of shape (n_outputs,) or (n_outputs,
         n_outputs): of the readings now, or of the first filters; a number is that, too.
     R : float or array_like, shape (m,) or (m, m), optional
-        Weight of the inputs, > 0.
+        Weight of the inputs, > 0; with `given` of all, or of those that are chosen.
     guarantee : float or Region, optional
         For a model, with Q and R: the least cost that is guaranteed for all systems of
         ``model.region(guarantee)``, in place of the least cost of the model. Without Q and R, where
@@ -353,6 +353,8 @@ def gain(
             model, region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
         )
     free = [names.inputs[j] for j in chosen]
+    if fixed and isinstance(R, (list, tuple, np.ndarray)) and np.shape(R)[-1:] == (m,):
+        R = np.array(R)[(np.ix_(chosen, chosen) if np.ndim(R) == 2 else chosen)]
     try:
         if Q is None or R is None:
             assert region is not None

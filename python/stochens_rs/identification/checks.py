@@ -7,6 +7,7 @@ finds makes every certificate infinite, unless its name is in `accept` of `ident
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -271,7 +272,7 @@ def far_cells(data: Any) -> dict[str, Tested]:
     found: list[tuple[int, int]] = []
     for j in reversed(range(data.n + data.m)):  # inputs first: a reading may follow one
         largest = np.sort(away[:, j])[::-1][: count + 1]
-        for own, following in zip(largest[:-1], largest[1:], strict=True):
+        for own, following in pairwise(largest):
             at = np.flatnonzero(away[:, j] >= own)
             code = cells[at[0], j] in CODES and bool((cells[at, j] == cells[at[0], j]).all())
             begins = (data.layout.places()[at] == 0).any() or following == 0.0

@@ -267,7 +267,8 @@ class Regressors(Record, eq=True):
             raise InputError(
                 f"`record` needs {self.fill + 1} rows of outputs and {self.fill} of inputs that "
                 f"were measured, got {len(y)} and {len(u)}; a single reading does not fix the "
-                "velocities"
+                f"velocities; in Python data.last_record({self.fill + 1}) is the last piece of a "
+                "log that has them"
             )
         return self.core.state_of(y, np.ascontiguousarray(u))
 

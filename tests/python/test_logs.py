@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import DataWarning, InputError
+from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 
 LOGS = Path(__file__).parents[2] / "docs" / "data" / "logs"
 RIG = {"states": ["position", "angle", "speed", "rate"], "inputs": ["force"], "time": "time"}
@@ -393,7 +393,7 @@ def test_a_column_of_another_rate_is_named(tmp_path):
 # -- codes of a missing value --------------------------------------------------------------------
 
 
-def readings(cell=None, value=0.0, inputs=None, late=0):
+def readings(cell=None, value=0.0, inputs=None, dead=()):
     """Eight runs of two readings of a plant, with one cell of (run, row, column) put to a value."""
     gen, runs = np.random.default_rng(8), []
     A, B = np.array([[0.9, 0.2], [0.0, 0.7]]), np.array([0.1, 1.0])
@@ -405,6 +405,8 @@ def readings(cell=None, value=0.0, inputs=None, late=0):
     if cell is not None:
         run, row, column = cell
         runs[run][column // 2][row, column % 2] = value
+    for run in dead:
+        runs[run][0][:], runs[run][1][:] = 1.0, 0.0
     names = {"state_names": ["pos", "speed"], "input_names": ["force"]}
     data = se.Trajectories(*zip(*runs, strict=True), outputs=True, dt=0.5, **names)
     return se.identify(data, window=se.Window(lags=2), checks=False)
@@ -432,3 +434,39 @@ def test_impulses_and_what_follows_them_are_no_codes():
     impulse[20] = 50.0
     assert "spikes" not in readings(inputs=impulse).tests
     assert "spikes" not in readings().tests
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize(
+    ("dead", "said"),
+    [
+        ((), None),
+        ((3,), "data[3] never changes: leave such runs out; or declare Noise"),
+        ((3, 6), "data[3] and data[6] never change: leave such runs out; or declare Noise"),
+    ],
+)
+def test_runs_of_a_rig_that_was_off_are_named(dead, said):
+    doubts = " ".join(readings(dead=dead).doubts)
+    assert "never change" not in doubts if said is None else said in doubts
+
+
+TEXTS = {
+    "bad": "got str 'bad' in row 5: pass nan where nothing was measured",
+    "4,5": r"got str '4,5' in row 5: a number as text: .*astype.float., after .*replace.',', '.'.",
+}
+
+
+@pytest.mark.parametrize("cell", TEXTS)
+def test_a_text_in_a_column_of_numbers_is_named_with_its_row(cell):
+    columns = several(np.random.default_rng(1))
+    v: list[object] = columns["v"].tolist()
+    v[5], v[7] = cell, None
+    column = np.array(v, dtype=object)
+    with pytest.raises(InputTypeError, match=r"`table\['v'\]` must contain real .*" + TEXTS[cell]):
+        read(columns | {"v": column})
+
+
+def test_numbers_as_text_say_how_to_make_them_numbers():
+    columns = several(np.random.default_rng(1))
+    with pytest.raises(InputTypeError, match=r"got str '1.0' in row 0: a number as text: column\.as"):
+        read(columns | {"v": columns["v"].astype(str)})

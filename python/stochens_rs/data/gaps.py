@@ -78,8 +78,8 @@ def _without_copies(runs: Sequence[Run]) -> list[Run]:
         others = twice.sum() - len(copies)
         if 0 < len(copies) <= max(1, FEW * len(twice)) and others <= max(1, ROUNDED * len(twice)):
             first, total = first or run.rows_of(copies[0] - 1, copies[0]), total + len(copies)
-            z, times, rows = (np.delete(one, copies, 0) for one in (run.z, run.times, run.rows))
-            run = run._replace(z=z, times=times, rows=rows)
+            own = np.delete(np.arange(len(run.times)), copies)
+            run = run._replace(z=run.z[own], times=run.times[own], rows=run.rows[own])
         found.append(run)
     if total:
         be = "1 row was" if total == 1 else f"{total} rows were"

@@ -208,7 +208,7 @@ TEXTS = {
     "is, or leave `sigma` or `covariance` out",
     "noise shape": "residuals are of no '{covariance}' covariance: leave it out",
     "variance": "the size of the residuals depends on states, inputs, time or run: one covariance "
-    "is assumed; declare Noise('sub-gaussian', sigma=) with the largest sigma",
+    "is assumed; {dead}declare Noise('sub-gaussian', sigma=) with the largest sigma",
 }
 
 
@@ -286,6 +286,18 @@ def far_cells(data: Any) -> dict[str, Tested]:
     return {"spikes": Tested(0.0, len(at) / len(cells), at, columns.astype(np.float64))}
 
 
+def _dead(data: Any) -> str:
+    """Which runs never change, as of a rig that was off, in words."""
+    runs = data.layout.runs()
+    begins = np.flatnonzero(np.diff(runs, prepend=-1))
+    least, most = (one.reduceat(data.rows, begins) for one in (np.minimum, np.maximum))
+    places = runs[begins[(least == most).all(axis=1)]].tolist()
+    if not places:
+        return ""
+    named = show.listed([f"data[{place}]" for place in places])
+    return f"{named} never {'change' if len(places) > 1 else 'changes'}: leave such runs out; or "
+
+
 def _places(data: Any, pairs: list[int], odd: bool, columns: Floats) -> str:
     """Where pairs stand in the log: the time since the first row, the run, and the odd cell."""
     data = data if data.whole is None else data.whole  # of last pairs the pairs of all runs
@@ -337,6 +349,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         if name == "nonlinear"
         else "",
         part=part,
+        dead=_dead(model.data) if name == "variance" else "",
         of=f"of {state} " if state else "",
         two=show.two(test.share),
         law="noise" if model.assumptions.noise == "gaussian" else "bound of the noise",

@@ -270,6 +270,32 @@ def test_doubts_of_slow_filters_name_faster_ones():
     assert "leave `window` out, take more lags, or declare Window(tail=)" in few._faults["memory"]
 
 
+def chain(gen, delay, runs=10):
+    """Readings of three lags in a row, whose input acts `delay` + 2 steps after it is logged."""
+    read = []
+    for _ in range(runs):
+        x, y, u = np.zeros(3), [0.0], gen.standard_normal(150)
+        for k in range(150):
+            acting = u[k - delay] if k >= delay else 0.0
+            x = np.array([0.3 * x[0] + acting, 0.6 * x[1] + x[0], 0.8 * x[2] + x[1]])
+            x += 0.02 * gen.standard_normal(3)
+            y.append(x[2] + 0.02 * gen.standard_normal())
+        read.append((np.array(y)[:, None], u[:, None]))
+    return se.Trajectories(*zip(*read, strict=True), outputs=True)
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_no_delay_is_offered_where_the_window_is_short_and_nothing_is_late():
+    gen = np.random.default_rng(7)
+    short = se.identify(chain(gen, 0), window=se.Window(lags=3), checks=False)
+    assert re.match(
+        r"inputs \d+ steps earlier explain .*: the window is too short; pass Window\(lags=\d+\)",
+        short._faults["dead time"],
+    )
+    late = se.identify(chain(gen, 6), window=se.Window(lags=3), checks=False)
+    assert "a dead time; pass Window(delay=8), or a longer window:" in late._faults["dead time"]
+
+
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_delays_are_found(delay):
     gen = np.random.default_rng(delay)

@@ -7,6 +7,7 @@ finds makes every certificate infinite, unless its name is in `accept` of `ident
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from .._base.types import Floats, NDArray
 from ..exceptions import InputError
 from ..rng import as_key
 from .assumptions import FAULTS, Assumptions
+from .window import rows_of
 
 
 def tested_rows(assumed: Assumptions, known: Floats | None, n: int) -> list[int]:
@@ -187,7 +189,8 @@ TEXTS = {
     "late rows": "inputs of the next row explain {share}, more than by a feedback: rows hold "
     "the state after their action; read them with delay=-1",
     "dead time": "inputs {steps} earlier explain {share}: a dead time; "
-    "pass Window(delay={lag}){longer}",
+    "pass Window(delay={lag}){or_longer}",
+    "reach": "inputs {steps} earlier explain {share}: the window is too short; pass {longer}",
     "delay": "inputs {steps} earlier explain {share}: the delay is shorter, Window(delay={lag})",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
     "point other than 0: pass intercept=True",
@@ -286,6 +289,23 @@ def far_cells(data: Any) -> dict[str, Tested]:
     return {"spikes": Tested(0.0, len(at) / len(cells), at, columns.astype(np.float64))}
 
 
+def _late(model: Any, lag: int) -> bool:
+    """Whether inputs that act so late alone leave smaller residuals than those of the window."""
+    own, data, fitted = model.window, model.data, model.core.plain
+    window = replace(own, delay=lag)
+    try:
+        rows = rows_of(window, data, model.first)[1]
+    except InputError:  # pieces are too short
+        return False
+    d, n = window.length, model.n_outputs
+    if len(rows) <= d + n:
+        return False
+    found = np.linalg.lstsq(rows[:, :d], rows[:, d:], rcond=None)[0]
+    errors = rows[:, d:] - rows[:, :d] @ found
+    later, now = errors.T @ errors / len(rows), fitted.S / fitted.N
+    return bool(np.linalg.slogdet(later)[1] < np.linalg.slogdet(now)[1])
+
+
 def _dead(data: Any) -> str:
     """Which runs never change, as of a rig that was off, in words."""
     runs = data.layout.runs()
@@ -329,11 +349,15 @@ def sentence(name: str, test: Tested, model: Any) -> str:
     if at:
         which = f"the run data[{first}]" if len(at) == 1 else f"part {first + 1} of {at[1]}"
         part = f"{which} has a model of its own"
-    key = name
+    key, read = name, window is not None and model.data.outputs
     if window is not None and name == "memory":
         key = "short"
     elif window is not None and name == "dead time" and first < window.delay:
         key = "delay"
+    elif read and name == "dead time" and not _late(model, first):
+        key = "reach"
+    delay = f", delay={window.delay}" if window is not None and window.delay else ""
+    longer = f"Window(lags={first + 1 - (window.delay if window else 0)}{delay})"
     text = TEXTS[key].format(
         share=f"{show.two(100 * test.share)} % of the variance",
         percent=show.two(100 * test.share),
@@ -344,7 +368,8 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         jump=f"{test.share:.4g}",
         lag=first,
         steps=show.number_of(first),
-        longer="" if window is None else f", or a longer window: Window(lags={first + 1})",
+        longer=longer,
+        or_longer=f", or a longer window: {longer}" if read else "",
         signals=show.listed([model.regressors.regressor_names[i] for i in at])
         if name == "nonlinear"
         else "",

@@ -101,6 +101,20 @@ def test_wrong_rates_say_which_inputs_count():
         Limits(rate={1: 1.0})
 
 
+def test_what_is_wrong_with_given_inputs_has_its_own_words():
+    model = three_inputs()
+    with pytest.raises(InputError, match="leave an input to choose, got all of them, heat, fan"):
+        se.gain(model, 1.0, 1.0, given=model.input_names)
+    with pytest.raises(InputError, match="`given` needs `Q` and `R`"):
+        se.gain(model, given="outdoor")
+    with pytest.raises(InputError, match="`guarantee` must be left out with `given`"):
+        se.gain(model, 1.0, 1.0, given="outdoor", guarantee=0.05)
+    loop = se.gain(model, 1.0, 1.0, given="outdoor")
+    for target in ({"room": np.nan}, {"room": [1.0, np.nan]}):
+        with pytest.raises(NonFiniteError, match=r"`target\['room'\](\[1\])?` is nan"):
+            se.regulate(loop, target=target, offset_free=False)
+
+
 def test_weights_are_of_all_inputs_or_of_those_that_are_chosen():
     """The same for a plan with a forecast, and for a gain that is given an input."""
     model, limits = three_inputs(), Limits(LIMITS, forecast={"outdoor": 3.0})

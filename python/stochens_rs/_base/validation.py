@@ -383,6 +383,7 @@ def _finite(name: str, given: NDArray[Any]) -> Floats:
     finite = np.isfinite(floats)
     if not finite.all():
         where = np.unravel_index(int(np.argmin(finite)), floats.shape)
-        index = ", ".join(str(int(i)) for i in where)
-        raise NonFiniteError(f"`{name}[{index}]` is {floats[where]}: entries must be finite")
+        index = f"[{', '.join(str(int(i)) for i in where)}]" if where else ""
+        rule = "entries must be finite" if where else "it must be finite"
+        raise NonFiniteError(f"`{name}{index}` is {floats[where]}: {rule}")
     return floats

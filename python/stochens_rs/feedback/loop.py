@@ -341,10 +341,17 @@ def gain(
     names, region = known.labels, None
     fixed = sorted(set(names.places("given", given, inputs=True)))
     chosen = np.setdiff1d(np.arange(m), fixed)
-    if fixed and (guarantee is not None or Q is None or not len(chosen)):
+    if fixed and not len(chosen):
         raise InputError(
-            "`given` must leave an input to choose, and needs Q and R without `guarantee`: the "
-            "certificate of the loop holds for all systems of the region"
+            "`given` must leave an input to choose, got "
+            f"{'the only one' if m == 1 else 'all of them'}, {show.listed(names.inputs)}"
+        )
+    if fixed and Q is None:
+        raise InputError("`given` needs `Q` and `R`: there is no widest margin with given inputs")
+    if fixed and guarantee is not None:
+        raise InputError(
+            "`guarantee` must be left out with `given`: the certificate of the loop holds for all "
+            "systems of the region"
         )
     method: GainMethod = "least squares"
     of_inputs = None

@@ -96,7 +96,10 @@ def rows_by_name(name: str, value: Any) -> Named:
     names = tuple(value)
     if not names or not all(isinstance(one, str) for one in names):
         raise InputTypeError(f"`{name}` must have texts as names, got {names!s:.60}")
-    each = [np.atleast_1d(validation.array(name, value[one], ndim=(0, 1))) for one in names]
+    each = [
+        np.atleast_1d(validation.array(f"{name}[{one!r:.30}]", value[one], ndim=(0, 1)))
+        for one in names
+    ]
     if len({one.size for one in each} - {1}) > 1:
         raise ShapeError(f"`{name}` must have as many steps for each of {', '.join(names)}")
     return Named(np.column_stack(np.broadcast_arrays(*each)), names)

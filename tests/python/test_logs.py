@@ -9,6 +9,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
+from stochens_rs.identification import checks as tests
 
 LOGS = Path(__file__).parents[2] / "docs" / "data" / "logs"
 RIG = {"states": ["position", "angle", "speed", "rate"], "inputs": ["force"], "time": "time"}
@@ -433,6 +434,12 @@ def test_impulses_and_what_follows_them_are_no_codes():
     impulse = 0.001 * np.sin(np.arange(60.0))
     impulse[20] = 50.0
     assert "spikes" not in readings(inputs=impulse).tests
+    fast = 0.01 * np.random.default_rng(2).standard_normal((8, 61, 1))
+    fast[0, 21] += 50.0
+    inputs = np.tile(0.001 * np.sin(np.arange(60.0))[:, None], (8, 1, 1))
+    assert tests.far_cells(se.Trajectories(list(fast), list(inputs), outputs=True))
+    inputs[0, 20] = 50.0
+    assert not tests.far_cells(se.Trajectories(list(fast), list(inputs), outputs=True))
     assert "spikes" not in readings().tests
 
 

@@ -273,16 +273,19 @@ def far_cells(data: Any) -> dict[str, Tested]:
     away = np.abs(cells - np.median(cells, axis=0))
     count = max(1, int(MOST_FAR * len(cells)))
     found: list[tuple[int, int]] = []
-    for j in reversed(range(data.n + data.m)):  # inputs first: a reading may follow one
+    pulses = False
+    for j in reversed(range(data.n + data.m)):  # inputs first: a reading may follow a pulse
         largest = np.sort(away[:, j])[::-1][: count + 1]
         for own, following in pairwise(largest):
             at = np.flatnonzero(away[:, j] >= own)
             code = cells[at[0], j] in CODES and bool((cells[at, j] == cells[at[0], j]).all())
+            if own <= (FAR_CODE if code else FAR_READING) * following:
+                continue
             begins = (data.layout.places()[at] == 0).any() or following == 0.0
-            read = j < data.n and not begins and all(k < data.n for _, k in found)
-            if own > (FAR_CODE if code else FAR_READING) * following and (code or read):
+            if code or (j < data.n and not begins and not pulses):
                 found += [(int(t), j) for t in at]
-                break
+            pulses |= j >= data.n
+            break
     if not found:
         return {}
     at, columns = np.array(sorted(found)).T

@@ -145,7 +145,7 @@ impl Filter {
         let square = || MatRef::from_row_major_slice(covariance, n, n).to_owned();
         Ok(Contents {
             x: try_copy(WHAT, x)?,
-            covariance: if known { None } else { Some(covered(WHAT, 16 * (n as u128).pow(2), square)?) },
+            covariance: if known { None } else { Some(covered(WHAT, 8 * n as u128 * (n as u128 + 8), square)?) },
             excess: numbers[0],
             since: count(0),
             missed: count(1),
@@ -183,7 +183,7 @@ impl Filter {
         let first = try_collect(WHAT, (0..p).map(|i| if seen[i] { y[i] } else { self.mean[i] }))?;
         self.window.start(&first, acted, &mut contents.x);
         let error = |i: usize| if self.window.lags() && i < p && seen[i] { 0.0 } else { self.apart[i].powi(2) };
-        contents.covariance = Some(covered(WHAT, 16 * (n as u128).pow(2), || {
+        contents.covariance = Some(covered(WHAT, 8 * n as u128 * (n as u128 + 8), || {
             Mat::from_fn(n, n, |i, j| if i == j { error(i) } else { 0.0 })
         })?);
         contents.read.fill(0);

@@ -276,7 +276,7 @@ def test_columns_of_dates_of_a_frame(column):
 AT_50_HZ = np.arange(60) * 0.02
 TWO_CLOCKS = np.cumsum(np.tile([0.006, 0.014], 30))
 STAMPS = {
-    "twice": (np.insert(AT_50_HZ, 30, AT_50_HZ[29]), "stamp is there twice, in rows 29 and 30 of"),
+    "twice": (np.insert(AT_50_HZ, 30, AT_50_HZ[29]), "twice, in rows 29 and 30 .* other cells"),
     "rounded": (np.floor(AT_50_HZ), "58 of 59 stamps equal .* in rows 0 and 1 .* declare `dt`"),
     "Excel": ([float(f"{9.0274527e13 + 2e7 * k:.5E}") for k in range(60)], "they are rounded"),
     "set back": (
@@ -303,6 +303,24 @@ def test_what_is_wrong_with_stamps_has_its_own_words(what):
     stamps, said = STAMPS[what]
     with pytest.raises(InputError, match=said):
         with_stamps(stamps, dt=0.02 if "declared" in what else None)
+
+
+def test_rows_that_are_copies_are_left_out_and_counted(tmp_path):
+    """In several files at once; empty cells are equal, too."""
+    gen = np.random.default_rng(3)
+    columns = {name: gen.standard_normal(60) for name in "pvF"} | {"t": AT_50_HZ}
+    columns["v"][50] = np.nan
+    frame = pd.DataFrame(columns)
+    copied = frame.iloc[np.sort(np.r_[0:60, 30, 50])]
+    for name, rows in {"1": frame, "2": copied, "3": copied}.items():
+        rows.to_csv(tmp_path / f"{name}.csv", index=False)
+    said = "4 rows were left out, copies of the row before: lines 32 and 33 of .*2.csv, ..."
+    with pytest.warns(DataWarning, match=said):
+        data = se.Trajectories.from_csv(tmp_path, **COLUMNS)
+    once = se.Trajectories.from_csv(tmp_path / "1.csv", **COLUMNS)
+    assert data.size == 3 * once.size
+    np.testing.assert_array_equal(data[1:2].rows, once.rows)
+    assert data.pieces.tolist() == 3 * once.pieces.tolist()
 
 
 def test_every_third_row_lost_is_no_merged_log():

@@ -49,6 +49,38 @@ def test_a_mode_that_no_input_moves_is_named(outputs):
         se.gain(model, [1.0, 1.0], 1.0, guarantee=0.05)
 
 
+def late_runs(late, spike=False):
+    """Readings of inputs that act `late` steps after they are logged."""
+    rng, runs = np.random.default_rng(4), []
+    for _ in range(12):
+        y, u = np.zeros((61, 1)), rng.standard_normal((60, 1))
+        for k in range(60):
+            acting = u[k - late, 0] if k >= late else 0.0
+            y[k + 1] = 0.9 * y[k] + acting + 0.05 * rng.standard_normal()
+        runs.append((y, u))
+    if spike:
+        runs[8][0][30] = -9999.0
+    return se.Trajectories(*zip(*runs, strict=True), outputs=True)
+
+
+@pytest.mark.parametrize("weights", [{}, {"Q": 1.0, "R": 1.0, "guarantee": 0.05}])
+def test_no_guarantee_for_inputs_that_act_late_names_the_cure(weights):
+    late = se.identify(late_runs(1), checks=False, window=se.Window(lags=2, delay=1))
+    assert late.doubts == ()
+    with pytest.raises(SolverError, match="inputs act 1 step late; pass Q and R, and no `guar"):
+        se.gain(late, **weights)
+    assert se.gain(late, 1.0, 1.0).certificate(0.05).status == "certified"
+
+
+@pytest.mark.parametrize("weights", [{}, {"Q": 1.0, "R": 1.0, "guarantee": 0.05}])
+def test_no_gain_of_a_doubted_log_names_the_doubt(weights):
+    short = se.identify(late_runs(1), checks=False, window=se.Window(lags=1))
+    for model in (short, se.identify(late_runs(0, True), checks=False, window=se.Window(lags=2))):
+        with pytest.raises(SolverError) as raised:
+            se.gain(model, **weights)
+        assert str(raised.value) == f"no gain was found: {model.doubts[0]}"
+
+
 @pytest.mark.parametrize("outputs", [False, True])
 def test_a_mode_that_the_input_moves_is_not(outputs):
     model = model_of(CHAIN, 30, outputs)

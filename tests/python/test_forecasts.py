@@ -12,7 +12,7 @@ import stochens_rs as se
 from coverage_study import sets
 from hidden_outputs import Arx
 from stochens_rs import Forecast, Limits
-from stochens_rs.exceptions import InputError
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 
 
 def plant(rng):
@@ -35,6 +35,99 @@ def start_at(found, record):
 
 def names(model):
     return model.input_names
+
+
+LIMITS = {"heat": (-6.0, 6.0), "fan": (-6.0, 6.0)}
+RATES = [
+    {"heat": 1.0},
+    {"heat": 1.0, "fan": None},
+    {"heat": 1.0, "outdoor": 0.1},  # it is measured
+    [1.0, np.inf],
+    [1.0, None],
+    [1.0, np.inf, 0.1],
+    np.array([1.0, np.inf]),
+]
+
+
+def three_inputs():
+    """A plant of one output and three inputs, of which the last is measured."""
+    gen, runs = np.random.default_rng(3), []
+    for _ in range(6):
+        y, u = np.zeros((41, 1)), gen.standard_normal((40, 3))
+        for k in range(40):
+            y[k + 1] = 0.9 * y[k] + u[k] @ [1.0, 0.5, 0.2] + 0.05 * gen.standard_normal()
+        runs.append((y, u))
+    own = {"state_names": ["room"], "input_names": [*LIMITS, "outdoor"]}
+    data = se.Trajectories(*zip(*runs, strict=True), outputs=True, **own)
+    return se.identify(data, window=se.Window(lags=1), checks=False)
+
+
+@pytest.mark.parametrize("rate", RATES, ids=str)
+def test_rates_are_of_the_inputs_that_are_chosen(rate):
+    """By name or in their order; None and inf are none, and measured inputs have none."""
+    model, steps = three_inputs(), 4
+    record = [[0.0], [0.0]], [[0.0, 0.0, 0.0]]
+    limits = Limits(LIMITS, rate=rate, previous={"heat": 0.5}, forecast={"outdoor": [3.0, 5.0]})
+    plan = se.control(model, record=record, target=[20.0], steps=steps, limits=limits)
+    assert np.abs(np.diff(plan.u[:, 0], prepend=0.5)).max() <= 1.0 + 1e-9
+    assert np.abs(np.diff(plan.u[:, 1], prepend=0.0)).max() > 1.0
+    np.testing.assert_array_equal(plan.u[:, 2], [3.0, 5.0, 5.0, 5.0])
+    assert (plan.limited.rate_active[:, 1:] == 0).all()
+
+
+@pytest.mark.parametrize("rate", RATES, ids=str)
+def test_rates_of_a_gain_leave_out_what_it_is_given(rate):
+    gain = se.gain(three_inputs(), 1.0, [1.0, 1.0], given=["outdoor"])
+    limits = Limits(LIMITS, rate=rate, previous=0.0)
+    loop = se.regulate(gain, target=[20.0], limits=limits, offset_free=False)
+    u = [loop([0.0], given=[5.0 * k]) for k in range(3)]
+    assert np.abs(np.diff(np.array(u)[:, 0], prepend=0.0)).max() <= 1.0 + 1e-9
+    assert u[-1][2] == 10.0
+
+
+def test_wrong_rates_say_which_inputs_count():
+    gain = se.gain(three_inputs(), 1.0, [1.0, 1.0], given=["outdoor"])
+
+    def made(rate, previous=0.0):
+        limits = Limits(LIMITS, rate=rate, previous=previous)
+        return se.regulate(gain, target=[20.0], limits=limits, offset_free=False)
+
+    with pytest.raises(ShapeError, match=r"a number, 2 numbers for heat and fan, or numbers by na"):
+        made([1.0, 1.0, 1.0, 1.0])
+    with pytest.raises(InputError, match=r"`rate` names 'heet', but there are .*heat"):
+        made({"heet": 1.0})
+    with pytest.raises(NonFiniteError, match="`previous` must be a finite number for input 'heat'"):
+        made({"heat": 1.0}, {"fan": 0.0})
+    with pytest.raises(InputTypeError, match="`rate` must have texts as names"):
+        Limits(rate={1: 1.0})
+
+
+def test_what_is_wrong_with_given_inputs_has_its_own_words():
+    model = three_inputs()
+    with pytest.raises(InputError, match="leave an input to choose, got all of them, heat, fan"):
+        se.gain(model, 1.0, 1.0, given=model.input_names)
+    with pytest.raises(InputError, match="`given` needs `Q` and `R`"):
+        se.gain(model, given="outdoor")
+    with pytest.raises(InputError, match="`guarantee` must be left out with `given`"):
+        se.gain(model, 1.0, 1.0, given="outdoor", guarantee=0.05)
+    loop = se.gain(model, 1.0, 1.0, given="outdoor")
+    for target in ({"room": np.nan}, {"room": [1.0, np.nan]}):
+        with pytest.raises(NonFiniteError, match=r"`target\['room'\](\[1\])?` is nan"):
+            se.regulate(loop, target=target, offset_free=False)
+
+
+def test_weights_are_of_all_inputs_or_of_those_that_are_chosen():
+    """The same for a plan with a forecast, and for a gain that is given an input."""
+    model, limits = three_inputs(), Limits(LIMITS, forecast={"outdoor": 3.0})
+    loops = []
+    for R in ([1.0, 2.0], [1.0, 2.0, 7.0], np.diag([1.0, 2.0]), np.diag([1.0, 2.0, 7.0])):
+        cost = se.Cost(Q=1.0, R=R)
+        loop = se.regulate(model, 5, [1.0], limits=limits, cost=cost, offset_free=False)
+        gain = se.gain(model, 1.0, R, given=["outdoor"])
+        loops.append((loop([0.0], given=[[3.0]]), loop([0.0], given=[[3.0]]), gain.K))
+    for one in loops[1:]:
+        for own, other in zip(loops[0], one, strict=True):
+            np.testing.assert_allclose(own, other, rtol=1e-7, atol=1e-9)
 
 
 def test_forecast_fixes_inputs_as_equal_limits_do():

@@ -347,7 +347,7 @@ TAKEN = {
     ("ReadingLoop.__call__", "target"): {"nan vector"},  # of an output that is free
     # numbers, which are checked where the problem is known
     **{("Limits", name): {"object vector", "ragged", "list of None"} for name in ("u", "x")},
-    **{("Limits", name): {"deep"} for name in ("rate", "previous")},
+    **{("Limits", name): {"deep", "dict", "list of None"} for name in ("rate", "previous")},
     ("Limits", "forecast"): {"dict"},
     **{("Cost", name): {"deep"} for name in ("Q", "Qf", "R", "reference")},
     ("Uncertain", "values"): {"deep"},

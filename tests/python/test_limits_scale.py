@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import optimize
+from scipy import linalg, optimize
 
 import stochens_rs as se
 from hidden_systems import KINDS, drawn
@@ -85,6 +85,39 @@ def test_one_step_of_more_inputs_than_states_in_mixed_units(gen):
         )
         assert plan.status == "optimal"
         assert np.all(plan.u <= high)
+
+
+def ring(buses=12, dt=0.1):
+    """Angles and frequencies of a ring of machines, storage at three of them."""
+    gen = np.random.default_rng(0)
+    lines, inertia = gen.uniform(0.5, 2.0, buses), gen.uniform(2.0, 6.0, buses)
+    pulls = np.diag(lines + np.roll(lines, 1))
+    for i, line in enumerate(lines):
+        pulls[i, (i + 1) % buses] -= line
+        pulls[(i + 1) % buses, i] -= line
+    faster = np.block([np.zeros((buses, buses)), np.eye(buses)])
+    slower = np.block([-10.0 * pulls / inertia[:, None], -np.diag(1.0 / inertia)])
+    inputs = np.zeros((2 * buses, 3))
+    inputs[buses + np.array([0, 4, 8]), range(3)] = 3.0 / inertia[[0, 4, 8]]
+    whole = np.block([[np.vstack([faster, slower]), inputs], [np.zeros((3, 2 * buses + 3))]])
+    moved = linalg.expm(dt * whole)
+    return moved[: 2 * buses, : 2 * buses], moved[: 2 * buses, 2 * buses :]
+
+
+@pytest.mark.parametrize("more", [{"x": 0.2}, {"x": 5.0}, {"rate": 10.0}, {"rate": 0.05}])
+def test_one_machine_of_a_ring_is_brought_back_whatever_is_limited_besides(more):
+    """Most states begin at 0, where a single step says little of their size: the plan was u = 0."""
+    system, x0, xf = ring(), np.eye(24)[3] * 0.1, np.zeros(24)
+    free = se.control(system, x0, xf, steps=20, limits=(-0.3, 0.3))
+    if "x" in more:
+        high = np.where(np.arange(24) == 3, more["x"], np.inf)
+        limits = se.Limits(u=(-0.3, 0.3), x=(-high, high), soft=False)
+    else:
+        limits = se.Limits(u=(-0.3, 0.3), previous=0.0, **more)
+    plan = se.control(system, x0, xf, steps=20, limits=limits)
+    assert plan.status == "optimal"
+    if more != {"rate": 0.05}:  # the others are not reached
+        assert plan.limited.objective == pytest.approx(free.limited.objective, rel=1e-8)
 
 
 @pytest.mark.parametrize("kind", list(KINDS))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import DataWarning, InputError
+from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
+from stochens_rs.identification import checks as tests
 
 LOGS = Path(__file__).parents[2] / "docs" / "data" / "logs"
 RIG = {"states": ["position", "angle", "speed", "rate"], "inputs": ["force"], "time": "time"}
@@ -388,3 +389,91 @@ def test_a_column_of_another_rate_is_named(tmp_path):
     (path := tmp_path / "slow.csv").write_text("\n".join(["t,motor,load,u", *rows]) + "\n")
     with pytest.raises(InputError, match=r"load is in 15% of its rows alone.*log them at one rate"):
         se.Trajectories.from_csv(path, outputs=["motor", "load"], inputs=["u"], time="t")
+
+
+# -- codes of a missing value --------------------------------------------------------------------
+
+
+def readings(cell=None, value=0.0, inputs=None, dead=()):
+    """Eight runs of two readings of a plant, with one cell of (run, row, column) put to a value."""
+    gen, runs = np.random.default_rng(8), []
+    A, B = np.array([[0.9, 0.2], [0.0, 0.7]]), np.array([0.1, 1.0])
+    for _ in range(8):
+        y, u = np.zeros((61, 2)), gen.standard_normal(60) if inputs is None else inputs.copy()
+        for k in range(60):
+            y[k + 1] = A @ y[k] + B * u[k] + 0.02 * gen.standard_normal(2)
+        runs.append((y, u[:, None]))
+    if cell is not None:
+        run, row, column = cell
+        runs[run][column // 2][row, column % 2] = value
+    for run in dead:
+        runs[run][0][:], runs[run][1][:] = 1.0, 0.0
+    names = {"state_names": ["pos", "speed"], "input_names": ["force"]}
+    data = se.Trajectories(*zip(*runs, strict=True), outputs=True, dt=0.5, **names)
+    return se.identify(data, window=se.Window(lags=2), checks=False)
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize("value", [-9999.0, 999.0, 32767.0])
+@pytest.mark.parametrize("cell", [(r, k, c) for r in (0, 6) for k in (0, 1, 9) for c in range(3)])
+def test_a_code_of_a_missing_value_is_named_wherever_it_stands(cell, value):
+    """Also in the first rows, which tell the scale, and in those that only fill the window."""
+    run, row, column = cell
+    name = ("pos", "speed", "force")[column]
+    where = f"at {0.5 * row:.6g} s of data[{run}] ({name} = {value:g})"
+    doubts = readings(cell, value).doubts
+    assert "cells are far from all others, " + where in doubts[0]
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_any_reading_far_from_all_others_is_named():
+    assert "at 0.5 s of data[0] (pos = 150)" in readings((0, 1, 0), 150.0).doubts[0]
+
+
+def test_impulses_and_what_follows_them_are_no_codes():
+    impulse = 0.001 * np.sin(np.arange(60.0))
+    impulse[20] = 50.0
+    assert "spikes" not in readings(inputs=impulse).tests
+    fast = 0.01 * np.random.default_rng(2).standard_normal((8, 61, 1))
+    fast[0, 21] += 50.0
+    inputs = np.tile(0.001 * np.sin(np.arange(60.0))[:, None], (8, 1, 1))
+    assert tests.far_cells(se.Trajectories(list(fast), list(inputs), outputs=True))
+    inputs[0, 20] = 50.0
+    assert not tests.far_cells(se.Trajectories(list(fast), list(inputs), outputs=True))
+    assert "spikes" not in readings().tests
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize(
+    ("dead", "said"),
+    [
+        ((), None),
+        ((3,), "data[3] never changes: leave such runs out; or declare Noise"),
+        ((3, 6), "data[3] and data[6] never change: leave such runs out; or declare Noise"),
+    ],
+)
+def test_runs_of_a_rig_that_was_off_are_named(dead, said):
+    doubts = " ".join(readings(dead=dead).doubts)
+    assert "never change" not in doubts if said is None else said in doubts
+
+
+TEXTS = {
+    "bad": "got str 'bad' in row 5: pass nan where nothing was measured",
+    "4,5": r"got str '4,5' in row 5: a number as text: .*astype.float., after .*replace.',', '.'.",
+}
+
+
+@pytest.mark.parametrize("cell", TEXTS)
+def test_a_text_in_a_column_of_numbers_is_named_with_its_row(cell):
+    columns = several(np.random.default_rng(1))
+    v: list[object] = columns["v"].tolist()
+    v[5], v[7] = cell, None
+    column = np.array(v, dtype=object)
+    with pytest.raises(InputTypeError, match=r"`table\['v'\]` must contain real .*" + TEXTS[cell]):
+        read(columns | {"v": column})
+
+
+def test_numbers_as_text_say_how_to_make_them_numbers():
+    columns = several(np.random.default_rng(1))
+    with pytest.raises(InputTypeError, match=r"got str '1.0' in row 0: a number as text: col"):
+        read(columns | {"v": columns["v"].astype(str)})

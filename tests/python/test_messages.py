@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import StochensError
+from stochens_rs.exceptions import DataWarning, StochensError
 from stochens_rs.theory import drawn_bound, moments, scenario
 
 A, B = np.diag([0.9, 0.8, 0.7]), np.eye(3)
@@ -161,3 +161,22 @@ def test_the_message_says_what_to_pass(call, message):
 
 def test_a_tuple_of_rows_is_a_matrix():
     assert se.DataStream(((1.0,), (2.0,)))._shape == (2, 1)
+
+
+def test_a_confidence_in_place_of_a_chance_of_error_is_warned_of():
+    """0.95, meant as 95 %: whatever takes `delta` or `guarantee` says what holds then."""
+    x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+    data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+    model = se.identify(data, noise=0.1)
+    loop = se.gain(model, 1.0, 1.0)
+    plan = se.control(model, [1.0], [0.0], steps=3)
+    text = "`delta` = 0.95 is the probability of an error: what follows holds with 5 % only; for 95"
+    for call in (loop.certificate, model.region, plan.bound):
+        with pytest.warns(DataWarning, match=text):
+            call(0.95)
+    with (
+        pytest.warns(DataWarning, match=r"`guarantee` = 0.9 is .*; for 90 % pass 0.1"),
+        pytest.warns(DataWarning, match=r"`delta` = 0.9 is"),
+    ):
+        se.gain(model, 1.0, 1.0, guarantee=0.9)
+    assert loop.certificate(0.5).status == "certified"

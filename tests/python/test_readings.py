@@ -124,6 +124,25 @@ def test_the_last_record_is_that_of_the_last_piece():
     np.testing.assert_array_equal(v, u)
 
 
+def test_the_last_record_of_enough_rows():
+    """A lost cell near the end leaves a short piece there; the one before it is long enough."""
+    x = np.sin(np.arange(30.0) ** 2)
+    table = {"y": x.copy(), "u": np.cos(np.arange(30.0) ** 3)}
+    table["y"][26] = np.nan
+    data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"])
+    assert len(data.last_record()[0]) == 3
+    y, u = data.last_record(5)
+    np.testing.assert_array_equal(y[:, 0], x[:26])
+    np.testing.assert_array_equal(u[:, 0], table["u"][:25])
+    with pytest.raises(InputError, match=r"`rows` must be at most 26, .*, got 27"):
+        data.last_record(27)
+    model = se.identify(data, window=se.Window(lags=4, delay=1), checks=False)
+    plan = {"target": [0.0], "steps": 6}
+    with pytest.raises(InputError, match=r"in Python data\.last_record\(5\) is the last piece"):
+        se.control(model, record=data.last_record(), **plan)
+    assert se.control(model, record=data.last_record(5), **plan).u.shape == (6, 1)
+
+
 def plant(system, loop, steps, rng=None, force=0.0, noise=0.0, missing=()):
     """Readings of a loop around an ARX system, from a record in which it was pushed."""
     y = [np.ones(system.p)] * system.lags

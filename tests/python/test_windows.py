@@ -231,6 +231,71 @@ def test_filters_that_use_up_the_pieces_give_way_to_lags(runs, steps, filters):
     assert model.size > 0.5 * data.size
 
 
+def rooms(seed, steps=1500):
+    """Two rooms, read every five minutes to 0.1 degrees, their heaters and the air outside."""
+    gen = np.random.default_rng(seed)
+    A = np.array([[0.90, 0.06], [0.07, 0.88]])
+    T, heat, felt, air, rows = np.full(2, 18.0), np.zeros(2), np.zeros(2), 0.0, []
+    for k in range(steps):
+        if k % 4 == 0:
+            heat = gen.integers(0, 100, 2).astype(float)
+        air = 0.995 * air + 0.13 * gen.standard_normal()
+        out = round(3.0 - 4.0 * np.cos(2.0 * np.pi * k / 288) + air, 1)
+        rows.append([*np.round(T + 0.03 * gen.standard_normal(2), 1), *heat, out])
+        felt += 0.8 * (heat - felt)
+        T = A @ T + 0.016 * felt + 0.04 * out + 0.045 * gen.standard_normal(2)
+    read = np.array(rows)
+    return se.Trajectories([read[:, :2]], [read[:-1, 2:]], outputs=True)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_filters_that_follow_a_short_log_give_way_to_lags(seed):
+    """Akaike's criterion takes 10 filters of pole 0.9 there, and four tests of the log fail."""
+    model = se.identify(rooms(seed), intercept=True, checks=False)
+    assert model.window.pole is None
+    assert model.doubts == ()
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_doubts_of_slow_filters_name_faster_ones():
+    runs = rooms(0)
+    slow = se.Window(filters=(0.9, 10))
+    model = se.identify(runs, intercept=True, window=slow, checks=False)
+    by_test = model._faults
+    assert {"memory", "change", "drift"} <= set(by_test)
+    assert "take more filters, a smaller pole, or Window(lags='auto'), or" in by_test["memory"]
+    for name in ("change", "drift"):
+        assert "or filters of pole 0.9 are too slow: take a smaller pole" in by_test[name]
+    few = se.identify(runs, intercept=True, window=se.Window(lags=1), checks=False)
+    assert "leave `window` out, take more lags, or declare Window(tail=)" in few._faults["memory"]
+
+
+def chain(gen, delay, runs=10):
+    """Readings of three lags in a row, whose input acts `delay` + 2 steps after it is logged."""
+    read = []
+    for _ in range(runs):
+        x, y, u = np.zeros(3), [0.0], gen.standard_normal(150)
+        for k in range(150):
+            acting = u[k - delay] if k >= delay else 0.0
+            x = np.array([0.3 * x[0] + acting, 0.6 * x[1] + x[0], 0.8 * x[2] + x[1]])
+            x += 0.02 * gen.standard_normal(3)
+            y.append(x[2] + 0.02 * gen.standard_normal())
+        read.append((np.array(y)[:, None], u[:, None]))
+    return se.Trajectories(*zip(*read, strict=True), outputs=True)
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_no_delay_is_offered_where_the_window_is_short_and_nothing_is_late():
+    gen = np.random.default_rng(7)
+    short = se.identify(chain(gen, 0), window=se.Window(lags=3), checks=False)
+    assert re.match(
+        r"inputs \d+ steps earlier explain .*: the window is too short; pass Window\(lags=\d+\)",
+        short._faults["dead time"],
+    )
+    late = se.identify(chain(gen, 6), window=se.Window(lags=3), checks=False)
+    assert "a dead time; pass Window(delay=8), or a longer window:" in late._faults["dead time"]
+
+
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_delays_are_found(delay):
     gen = np.random.default_rng(delay)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import operator
 import re
+import sys
 import unicodedata
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -12,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError, InputTypeError
+from ..exceptions import DataWarning, InputError, InputTypeError
 from .types import NDArray
 
 # Objects of the package that are passed for an array, and the array to pass in their place.
@@ -262,3 +264,11 @@ def whole(value: object) -> int | None:
 def article(kind: type) -> str:
     """The name of a class with its article."""
     return f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
+
+
+def warn(text: str) -> None:
+    """Warn of data at the line outside of this package that led here."""
+    level, frame, package = 1, sys._getframe(), __name__.partition(".")[0]
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(DataWarning(text), stacklevel=level)

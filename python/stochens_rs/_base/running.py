@@ -10,7 +10,6 @@ import os
 import sys
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -19,8 +18,9 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..exceptions import DataWarning, InputTypeError, ResourceError
+from ..exceptions import InputTypeError, ResourceError
 from . import validation
+from .reading import warn as warn
 from .validation import show
 
 T = TypeVar("T")
@@ -218,14 +218,6 @@ def own_errors(package: str) -> None:
                 home = sys.modules[value.__module__]  # where pickles look for it
                 for module in (home, sys.modules[place]):
                     setattr(module, value.__name__, _own_error(vars(home)[value.__name__]))
-
-
-def warn(text: str) -> None:
-    """Warn of data at the line outside of this package that led here."""
-    level, frame, package = 1, sys._getframe(), __name__.partition(".")[0]
-    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
-        level, frame = level + 1, frame.f_back
-    warnings.warn(DataWarning(text), stacklevel=level)
 
 
 def _own_methods(owner: type) -> None:

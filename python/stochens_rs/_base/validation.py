@@ -17,7 +17,7 @@ from typing import Any, TypeGuard, TypeVar
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
-from .reading import aligned, printable, shown_labels, shown_shape, whole
+from .reading import aligned, printable, shown_labels, shown_shape, warn, whole
 from .reading import article as article
 from .reading import read as read
 from .reading import show as show
@@ -235,8 +235,15 @@ def nonnegative(name: str, value: object) -> float:
 
 
 def probability(name: str, value: object) -> float:
-    """Return a real number in (0, 1) as float."""
-    return _real(name, value, "in (0, 1)", lambda number: 0.0 < number < 1.0)
+    """Return a real number in (0, 1) as float; a chance of error above one half is warned of."""
+    number = _real(name, value, "in (0, 1)", lambda number: 0.0 < number < 1.0)
+    if number > 0.5 and name in ("delta", "guarantee"):
+        warn(
+            f"`{name}` = {number:g} is the probability of an error: what follows holds with "
+            f"{100.0 * (1.0 - number):.3g} % only; for {100.0 * number:.3g} % pass "
+            f"{1.0 - number:.3g}"
+        )
+    return number
 
 
 def _real(name: str, value: object, rule: str, fits: Callable[[float], bool]) -> float:
@@ -376,6 +383,7 @@ def _finite(name: str, given: NDArray[Any]) -> Floats:
     finite = np.isfinite(floats)
     if not finite.all():
         where = np.unravel_index(int(np.argmin(finite)), floats.shape)
-        index = ", ".join(str(int(i)) for i in where)
-        raise NonFiniteError(f"`{name}[{index}]` is {floats[where]}: entries must be finite")
+        index = f"[{', '.join(str(int(i)) for i in where)}]" if where else ""
+        rule = "entries must be finite" if where else "it must be finite"
+        raise NonFiniteError(f"`{name}{index}` is {floats[where]}: {rule}")
     return floats

@@ -25,7 +25,7 @@ CLOSE = 0.05  # the same if it is not
 IRREGULAR = 0.1  # share of stamps further off from which on a log has no sampling time
 ROUNDED = 0.02  # share of equal stamps from which on they are rounded, and no row is there twice
 _UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9, "min": 1 / 60, "h": 1 / 3600}
-FEW = 0.1  # share of steps backwards up to which most others are one step of the clock
+FEW = 0.1  # share of steps backwards, or of copies, up to which most rows are in their places
 ENOUGH = 10  # rows of which it is said that their steps alternate
 ALTERNATING = 0.8  # share of steps as long as the last but one, where those between are not
 SELDOM = 0.6  # a column in fewer rows than this is logged at another rate
@@ -65,6 +65,28 @@ def _step(runs: Sequence[Run], dt: float | None) -> float | None:
     return declared
 
 
+def _without_copies(runs: Sequence[Run]) -> list[Run]:
+    """The runs without rows that repeat the one before, stamp and all cells; it warns of them.
+
+    Where many stamps are equal they are rounded, and rows of equal readings are no copies.
+    """
+    found, first, total = [], "", 0
+    for run in runs:
+        twice = run.times[1:] == run.times[:-1]
+        same = (run.z[1:] == run.z[:-1]) | (np.isnan(run.z[1:]) & np.isnan(run.z[:-1]))
+        copies = np.flatnonzero(twice & same.all(axis=1)) + 1
+        others = twice.sum() - len(copies)
+        if 0 < len(copies) <= max(1, FEW * len(twice)) and others <= max(1, ROUNDED * len(twice)):
+            first, total = first or run.rows_of(copies[0] - 1, copies[0]), total + len(copies)
+            own = np.delete(np.arange(len(run.times)), copies)
+            run = run._replace(z=run.z[own], times=run.times[own], rows=run.rows[own])
+        found.append(run)
+    if total:
+        be = "1 row was" if total == 1 else f"{total} rows were"
+        running.warn(f"{be} left out, copies of the row before: {first}" + ", ..." * (total > 1))
+    return found
+
+
 def _steps(run: Run) -> Floats:
     """The steps between the stamps of a run; refuses times that do not increase, and says why."""
     times = run.times
@@ -97,8 +119,8 @@ def _steps(run: Run) -> Floats:
         )
     else:
         why = (
-            f"one stamp is there twice, in {rows}: delete the row that is a copy; if none is, "
-            "leave `time` out and declare `dt`"
+            f"one stamp is there twice, in {rows}, with other cells: delete the row that is wrong; "
+            "if none is, leave `time` out and declare `dt`"
         )
     raise InputError(f"`time` must increase within a run, but {why}")
 
@@ -169,6 +191,7 @@ def pairs_of(
     split = validation.choice("on_gap", on_gap, get_args(OnGap)) == "split"
     step = None if dt is None else validation.positive("dt", dt)
     if len(runs[0].times):
+        runs = _without_copies(runs)
         step = _step(runs, step)
     n = runs[0].n
     readings = sum(len(run.z) for run in runs)

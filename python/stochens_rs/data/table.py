@@ -157,7 +157,8 @@ class Table:
                 column = column.astype(np.float64)
         if column.dtype.kind not in "iuf":
             raise InputTypeError(
-                f"{self.in_words(name)} must contain real numbers, got {str(column.dtype)[:40]}"
+                f"{self.in_words(name)} must contain real numbers, got "
+                f"{_odd_cell(column) or str(column.dtype)[:40]}"
             )
         numbers: Floats = column.astype(np.float64)
         return numbers
@@ -205,6 +206,21 @@ class Table:
             return [None if np.isnat(time) else time.item() for time in column]
         given = self.columns[by]
         return list(given) if isinstance(given, (list, tuple)) else column.tolist()
+
+
+def _odd_cell(column: NDArray[Any]) -> str:
+    """The first cell of a column of objects or texts that is no number, with its row and a cure."""
+    if column.dtype.kind not in "OUT":
+        return ""
+    for row, cell in enumerate(column.tolist()):
+        if cell is None or validation.is_real(cell):
+            continue
+        cure = "pass nan where nothing was measured"
+        if isinstance(cell, str) and re.fullmatch(r"\s*[-+]?\d+([.,]\d+)?([eE][-+]?\d+)?\s*", cell):
+            comma = ", after .str.replace(',', '.')" if "," in cell else ""
+            cure = f"a number as text: column.astype(float){comma} makes it one"
+        return f"{validation.show(cell)} in row {row}: {cure}"
+    return ""
 
 
 def _decoded(path: PathLike) -> str:

@@ -457,14 +457,25 @@ class Trajectories(SavedRecord, init=False):
         whole = self if self.whole is None else self.whole
         return self._part(self.rows[last], self.layout.chosen(last), whole)
 
-    def last_record(self) -> tuple[Floats, Floats]:
+    def last_record(self, rows: int = 2) -> tuple[Floats, Floats]:
         """Return the readings and inputs of the last piece: where a plan may begin.
+
+        Parameters
+        ----------
+        rows : int, default 2
+            How many readings the piece must have at the least; shorter ones behind it, as between
+            rows that are lost, are passed over.
 
         Returns
         -------
         outputs : ndarray, shape (T + 1, n)
             What was read, the last row after the last input.
         inputs : ndarray, shape (T, m)
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If no piece is so long.
 
         Examples
         --------
@@ -474,8 +485,16 @@ class Trajectories(SavedRecord, init=False):
         array([1. , 1.5, 2. ])
         """
         x, u, after = self.pairs()
-        first = len(u) - int(self.pieces[-1])
-        return np.vstack([x[first:], after[-1:]]), u[first:].copy()
+        least, ends = validation.size("rows", rows, minimum=2), np.cumsum(self.pieces)
+        long = np.flatnonzero(self.pieces + 1 >= least)
+        if not len(long):
+            raise InputError(
+                f"`rows` must be at most {int(self.pieces.max()) + 1}, which the longest piece "
+                f"without a gap has, got {least}"
+            )
+        end = int(ends[long[-1]])
+        own = slice(end - int(self.pieces[long[-1]]), end)
+        return np.vstack([x[own], after[end - 1 : end]]), u[own].copy()
 
     def split(self, share: float, *, rng: RngLike = None) -> tuple[Self, Self]:
         """Divide the runs at random into two parts; no run is cut.

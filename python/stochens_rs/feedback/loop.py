@@ -286,7 +286,7 @@ def gain(
         For a model of outputs also of these alone, of shape (n_outputs,) or (n_outputs,
         n_outputs): of the readings now, or of the first filters; a number is that, too.
     R : float or array_like, shape (m,) or (m, m), optional
-        Weight of the inputs, > 0.
+        Weight of the inputs, > 0; with `given` of all, or of those that are chosen.
     guarantee : float or Region, optional
         For a model, with Q and R: the least cost that is guaranteed for all systems of
         ``model.region(guarantee)``, in place of the least cost of the model. Without Q and R, where
@@ -341,10 +341,17 @@ def gain(
     names, region = known.labels, None
     fixed = sorted(set(names.places("given", given, inputs=True)))
     chosen = np.setdiff1d(np.arange(m), fixed)
-    if fixed and (guarantee is not None or Q is None or not len(chosen)):
+    if fixed and not len(chosen):
         raise InputError(
-            "`given` must leave an input to choose, and needs Q and R without `guarantee`: the "
-            "certificate of the loop holds for all systems of the region"
+            "`given` must leave an input to choose, got "
+            f"{'the only one' if m == 1 else 'all of them'}, {show.listed(names.inputs)}"
+        )
+    if fixed and Q is None:
+        raise InputError("`given` needs `Q` and `R`: there is no widest margin with given inputs")
+    if fixed and guarantee is not None:
+        raise InputError(
+            "`guarantee` must be left out with `given`: the certificate of the loop holds for all "
+            "systems of the region"
         )
     method: GainMethod = "least squares"
     of_inputs = None
@@ -352,27 +359,30 @@ def gain(
         region = in_states(
             model, region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
         )
-    if Q is None or R is None:
-        assert region is not None
-        K, S, parameter = _core.widest_gain(region.core)
-        method = "widest margin"
-    else:
-        weights = (
-            weight("Q", for_outputs(model, Q), n, labels=names.states),
-            weight("R", R, len(chosen), positive=True, labels=[names.inputs[j] for j in chosen]),
-        )
-        if region is None:
-            own = np.ascontiguousarray(B[:, chosen])
-            part, S, parameter = _core.feedback_gain(A, own, *weights, names.states)
-            K, of_inputs = np.zeros((m, n)), np.zeros((m, m))
-            K[chosen], of_inputs[np.ix_(chosen, chosen)] = part, weights[1]
-            of_inputs = validation.frozen(of_inputs)
+    free = [names.inputs[j] for j in chosen]
+    if fixed and isinstance(R, (list, tuple, np.ndarray)) and np.shape(R)[-1:] == (m,):
+        R = np.array(R)[(np.ix_(chosen, chosen) if np.ndim(R) == 2 else chosen)]
+    try:
+        if Q is None or R is None:
+            assert region is not None
+            K, S, parameter = _core.widest_gain(region.core)
+            method = "widest margin"
         else:
-            try:
+            weights = (
+                weight("Q", for_outputs(model, Q), n, labels=names.states),
+                weight("R", R, len(free), positive=True, labels=free),
+            )
+            if region is None:
+                own = np.ascontiguousarray(B[:, chosen])
+                part, S, parameter = _core.feedback_gain(A, own, *weights, names.states)
+                K, of_inputs = np.zeros((m, n)), np.zeros((m, m))
+                K[chosen], of_inputs[np.ix_(chosen, chosen)] = part, weights[1]
+                of_inputs = validation.frozen(of_inputs)
+            else:
                 K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
-            except SolverError as error:
-                raise SolverError(f"{error}{_too_large(model, region)}") from None
-            method = "guaranteed cost"
+                method = "guaranteed cost"
+    except SolverError as error:
+        raise SolverError(_why(str(error), model, region)) from None
     return trusted(
         Loop,
         A=validation.frozen(A),
@@ -389,24 +399,34 @@ def gain(
     )
 
 
-def _too_large(model: Identified | None, region: Region) -> str:
-    """Why there is no guarantee for a region: an input that is not seen to act, or few logs."""
-    reason = None if model is None else unmoved(model, region.delta)
+def _why(found: str, model: Identified | None, region: Region | None) -> str:
+    """Why there is no gain, with what to do: doubts, inputs that act late or not, or few logs."""
+    if model is not None and model.doubts:
+        return f"{found if region is None else 'no gain was found'}: {model.doubts[0]}"
+    if model is None or region is None:
+        return found
+    window = model.window if isinstance(model, Model) else None
+    if window is not None and window.delay:
+        return (
+            f"no gain was found: inputs act {show.number_of(window.delay, 'step')} late; pass Q and"
+            " R, and no `guarantee`: the certificate of that gain holds for all systems of the "
+            "region"
+        )
+    reason = unmoved(model, region.delta)
     if reason is not None:
-        return f": {reason}"
+        return f"{found}: {reason}"
     try:
         widest = _core.widest_gain(region.core)[2]
     except SolverError:
-        return ""
+        return found
     if not 0.0 < widest < 1.0:
-        return ""
+        return found
 
     def holds(later: Region) -> bool:
-        assert model is not None
         return _core.widest_gain(in_states(model, later).core)[2] >= 1.0
 
     more = more_logs(model, region.delta, holds)
-    return f": it is {1.0 / widest:.3g} times as large as can be; {more}"
+    return f"{found}: it is {1.0 / widest:.3g} times as large as can be; {more}"
 
 
 def for_outputs(model: object, value: ArrayLike) -> ArrayLike:

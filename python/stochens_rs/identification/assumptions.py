@@ -125,6 +125,8 @@ class Window(Options, eq=True):
 
     At most one of `lags` and `filters` is given, for outputs. Without one the first quarter of the
     pairs chooses, and counts no more: what Akaike's criterion asks for, and half as much again.
+    Filters that predict the end of this quarter, fitted to what came before, with twice the error
+    of lags give way to lags.
 
     Attributes
     ----------

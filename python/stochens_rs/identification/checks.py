@@ -7,6 +7,8 @@ finds makes every certificate infinite, unless its name is in `accept` of `ident
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +20,7 @@ from .._base.types import Floats, NDArray
 from ..exceptions import InputError
 from ..rng import as_key
 from .assumptions import FAULTS, Assumptions
+from .window import rows_of
 
 
 def tested_rows(assumed: Assumptions, known: Floats | None, n: int) -> list[int]:
@@ -176,8 +179,8 @@ OF_GAUSSIAN = ("outliers", "variance", "noise shape")
 OF_ROWS = ("spikes", "outliers")  # their places are pairs
 TEXTS = {
     "equal rows": "{count} pairs are equal to others to the last digit: pass them once",
-    "spikes": "readings jump there and back, at {rows}: cut these rows, or pass nan in their place "
-    "(of a CSV file: empty the cell)",
+    "spikes": "readings jump there and back, or cells are far from all others, at {rows}: cut "
+    "these rows, or pass nan in their place (of a CSV file: empty the cell)",
     "wrap": "{state} jumps by {jump}, and else by less than half of it: it wraps; unwrap it",
     "outliers": "what follows {rows} is no Gaussian noise, and moves the model by more than it: "
     "cut them, or pass them as missing (nan)",
@@ -186,7 +189,8 @@ TEXTS = {
     "late rows": "inputs of the next row explain {share}, more than by a feedback: rows hold "
     "the state after their action; read them with delay=-1",
     "dead time": "inputs {steps} earlier explain {share}: a dead time; "
-    "pass Window(delay={lag}){longer}",
+    "pass Window(delay={lag}){or_longer}",
+    "reach": "inputs {steps} earlier explain {share}: the window is too short; pass {longer}",
     "delay": "inputs {steps} earlier explain {share}: the delay is shorter, Window(delay={lag})",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
     "point other than 0: pass intercept=True",
@@ -197,17 +201,17 @@ TEXTS = {
     "memory": "one step earlier, states and inputs explain {share}{most}: a state that is missing, "
     "or read with error, smoothed, differenced, or noise lasts: pass what was read as outputs=",
     "short": "a window of {next} explains {percent} % more: certificates assume that {own} "
-    "suffice; {take}more {what}, or declare Window(tail=)",
+    "suffice; {take}more {what}, {faster}or declare Window(tail=)",
     "nonlinear": "squares, products, cubes or signs of {signals} explain {share}: the plant is "
-    "not linear there (dead zone, saturation, friction); use a smaller range",
-    "change": "{part}: use what belongs together",
+    "not linear there (dead zone, saturation, friction); use a smaller range{slow}",
+    "change": "{part}: use what belongs together{slow}",
     "drift": "the model changes over each run ({share} explained), as of what warms up or wears: "
-    "use a part of the runs, or measure more states",
+    "use a part of the runs, or measure more states{slow}",
     "noise size": "residuals {of}are {two} times as large as the declared {law}: declare what it "
     "is, or leave `sigma` or `covariance` out",
     "noise shape": "residuals are of no '{covariance}' covariance: leave it out",
     "variance": "the size of the residuals depends on states, inputs, time or run: one covariance "
-    "is assumed; declare Noise('sub-gaussian', sigma=) with the largest sigma",
+    "is assumed; {dead}declare Noise('sub-gaussian', sigma=) with the largest sigma",
 }
 
 
@@ -253,18 +257,83 @@ def _in_tail(name: str, test: Tested, tail: float) -> bool:
     return tail > 0.0 and name in ("memory", "dead time") and bool(most <= 1.5 * tail)
 
 
-def _places(data: Any, pairs: list[int], odd: bool) -> str:
-    """Where pairs stand in the log: the time since the first row, the run, and the odd reading."""
+CODES = [s * (10.0**k - 1.0) for k in range(3, 9) for s in (1, -1)] + [32767, -32768, 65535, 1e30]
+#: How far a cell is from the median, over the farthest of the others: of codes, and of readings.
+FAR_CODE, FAR_READING, MOST_FAR = 2.0, 10.0, 0.01
+
+
+def far_cells(data: Any) -> dict[str, Tested]:
+    """Cells far from all others of their columns: codes of a missing value, or errors of reading.
+
+    The tests of the core look at residuals, of which one such cell spoils the scale; in the rows
+    that fill windows and those that tell the scale of a region it has none.
+    """
+    data = data if data.whole is None else data.whole  # of last pairs the pairs of all runs
+    cells = data.rows[:, : data.n + data.m]
+    away = np.abs(cells - np.median(cells, axis=0))
+    count = max(1, int(MOST_FAR * len(cells)))
+    found: list[tuple[int, int]] = []
+    pulses = False
+    for j in reversed(range(data.n + data.m)):  # inputs first: a reading may follow a pulse
+        largest = np.sort(away[:, j])[::-1][: count + 1]
+        for own, following in pairwise(largest):
+            at = np.flatnonzero(away[:, j] >= own)
+            code = cells[at[0], j] in CODES and bool((cells[at, j] == cells[at[0], j]).all())
+            if own <= (FAR_CODE if code else FAR_READING) * following:
+                continue
+            begins = (data.layout.places()[at] == 0).any() or following == 0.0
+            if code or (j < data.n and not begins and not pulses):
+                found += [(int(t), j) for t in at]
+            pulses |= j >= data.n
+            break
+    if not found:
+        return {}
+    at, columns = np.array(sorted(found)).T
+    return {"spikes": Tested(0.0, len(at) / len(cells), at, columns.astype(np.float64))}
+
+
+def _late(model: Any, lag: int) -> bool:
+    """Whether inputs that act so late alone leave smaller residuals than those of the window."""
+    own, data, fitted = model.window, model.data, model.core.plain
+    window = replace(own, delay=lag)
+    try:
+        rows = rows_of(window, data, model.first)[1]
+    except InputError:  # pieces are too short
+        return False
+    d, n = window.length, model.n_outputs
+    if len(rows) <= d + n:
+        return False
+    found = np.linalg.lstsq(rows[:, :d], rows[:, d:], rcond=None)[0]
+    errors = rows[:, d:] - rows[:, :d] @ found
+    later, now = errors.T @ errors / len(rows), fitted.S / fitted.N
+    return bool(np.linalg.slogdet(later)[1] < np.linalg.slogdet(now)[1])
+
+
+def _dead(data: Any) -> str:
+    """Which runs never change, as of a rig that was off, in words."""
+    runs = data.layout.runs()
+    begins = np.flatnonzero(np.diff(runs, prepend=-1))
+    least, most = (one.reduceat(data.rows, begins) for one in (np.minimum, np.maximum))
+    places = runs[begins[(least == most).all(axis=1)]].tolist()
+    if not places:
+        return ""
+    named = show.listed([f"data[{place}]" for place in places])
+    return f"{named} never {'change' if len(places) > 1 else 'changes'}: leave such runs out; or "
+
+
+def _places(data: Any, pairs: list[int], odd: bool, columns: Floats) -> str:
+    """Where pairs stand in the log: the time since the first row, the run, and the odd cell."""
     data = data if data.whole is None else data.whole  # of last pairs the pairs of all runs
     runs, skipped, read = data.layout.runs(), data.layout.skipped(), data.rows[:, : data.n]
+    names, cells = (*data.state_names, *data.input_names), data.rows[:, : data.n + data.m]
     away = np.abs(read - np.median(read, axis=0)) / np.where(np.ptp(read, axis=0), read.std(0), 1.0)
     found = []
-    for pair in pairs[:5]:
+    for k, pair in enumerate(pairs[:5]):
         begin = int(np.searchsorted(runs, runs[pair]))
         lost = int(skipped[begin : pair + 1].sum())  # rows off the grid count as lost steps
-        step, most = pair - begin + lost, int(away[pair].argmax())
+        step, most = pair - begin + lost, int(columns[k] if len(columns) else away[pair].argmax())
         when = f"step {step}" if data.dt is None else f"{step * data.dt:.6g} s"
-        value = f" ({data.state_names[most]} = {read[pair, most]:.6g})" if odd else ""
+        value = f" ({names[most]} = {cells[pair, most]:.6g})" if odd else ""
         found.append(f"{'about ' if lost else ''}{when} of data[{runs[pair]}]{value}")
     return ", ".join(found) + (f" and {len(pairs) - 5} more" if len(pairs) > 5 else "")
 
@@ -274,35 +343,41 @@ def sentence(name: str, test: Tested, model: Any) -> str:
     names, window, at = model.outputs, model.window, test.at.tolist()
     first = at[0] if at else 0
     state = names[first] if at and first < len(names) else ""
-    words: dict[str, str] = {} if window is None else window.words
+    words = {"slow": ""} if window is None else window.words
     most = ""
-    if len(test.each) and test.each.max() > 0.0:
+    if name != "spikes" and len(test.each) and test.each.max() > 0.0:
         largest = np.flatnonzero(test.each >= 0.5 * test.each.max()).tolist()
         most = f" of {show.listed([names[i] for i in largest])}"
     part = "the halves of the data have models of their own"
     if at:
         which = f"the run data[{first}]" if len(at) == 1 else f"part {first + 1} of {at[1]}"
         part = f"{which} has a model of its own"
-    key = name
+    key, read = name, window is not None and model.data.outputs
     if window is not None and name == "memory":
         key = "short"
     elif window is not None and name == "dead time" and first < window.delay:
         key = "delay"
+    elif read and name == "dead time" and not _late(model, first):
+        key = "reach"
+    delay = f", delay={window.delay}" if window is not None and window.delay else ""
+    longer = f"Window(lags={first + 1 - (window.delay if window else 0)}{delay})"
     text = TEXTS[key].format(
         share=f"{show.two(100 * test.share)} % of the variance",
         percent=show.two(100 * test.share),
         most=most,
-        rows="" if name not in OF_ROWS else _places(model.data, at, name == "spikes"),
+        rows="" if name not in OF_ROWS else _places(model.data, at, name == "spikes", test.each),
         count=len(at),
         state=state,
         jump=f"{test.share:.4g}",
         lag=first,
         steps=show.number_of(first),
-        longer="" if window is None else f", or a longer window: Window(lags={first + 1})",
+        longer=longer,
+        or_longer=f", or a longer window: {longer}" if read else "",
         signals=show.listed([model.regressors.regressor_names[i] for i in at])
         if name == "nonlinear"
         else "",
         part=part,
+        dead=_dead(model.data) if name == "variance" else "",
         of=f"of {state} " if state else "",
         two=show.two(test.share),
         law="noise" if model.assumptions.noise == "gaussian" else "bound of the noise",

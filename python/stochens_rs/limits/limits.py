@@ -96,7 +96,10 @@ def rows_by_name(name: str, value: Any) -> Named:
     names = tuple(value)
     if not names or not all(isinstance(one, str) for one in names):
         raise InputTypeError(f"`{name}` must have texts as names, got {names!s:.60}")
-    each = [np.atleast_1d(validation.array(name, value[one], ndim=(0, 1))) for one in names]
+    each = [
+        np.atleast_1d(validation.array(f"{name}[{one!r:.30}]", value[one], ndim=(0, 1)))
+        for one in names
+    ]
     if len({one.size for one in each} - {1}) > 1:
         raise ShapeError(f"`{name}` must have as many steps for each of {', '.join(names)}")
     return Named(np.column_stack(np.broadcast_arrays(*each)), names)
@@ -123,6 +126,21 @@ def entries(name: str, value: Any, *, square: bool = False) -> Any:
     if found is not None:
         return found
     return float(given) if given.ndim == 0 else given.astype(np.float64)
+
+
+def numbers_of_inputs(name: str, value: Any) -> Any:
+    """A number or numbers as by `entries`, or some by name; None among them is infinite."""
+    names = None
+    if isinstance(value, Mapping):
+        names, value = tuple(value), list(value.values())
+        if not names or not all(isinstance(one, str) for one in names):
+            raise InputTypeError(f"`{name}` must have texts as names, got {names!s:.60}")
+    if isinstance(value, (list, tuple)):
+        value = [np.inf if one is None else one for one in value]
+    found = entries(name, value)
+    if names is None:
+        return found
+    return Named(validation.array(name, found, ndim=(1,), finite=False), names)
 
 
 def _named(name: str, value: Any, square: bool) -> Named | None:
@@ -201,9 +219,10 @@ class Limits(Asked):
         Limits of the inputs, each a number, (m,) or (K, m), infinite or None where there is none;
         equal ones fix an input. Or ``{"force": (-8, 8)}``, numbers for some of the names: the
         others have none.
-    rate, previous : float or array_like, shape (m,), optional
+    rate, previous : float, array_like or mapping, optional
         ``|u(k) - u(k-1)| <= rate`` with ``u(-1) = previous``, the input that is applied now; a plan
-        from a `record` takes its last one.
+        from a `record` takes its last one. A number, one for each input, one for each that is
+        chosen where others are measured, or by name; inf, None and no name are no rate.
     x : tuple (low, high) or mapping, optional
         Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None; or by name. Of
         a model of outputs limits of the readings that it predicts, soft but with `Keep`.
@@ -241,8 +260,8 @@ class Limits(Asked):
             self._keep(forecast=Forecast(self.forecast))  # type: ignore[unreachable]
         self._keep(
             u=pair_of("limits", self.u),
-            rate=entries("rate", self.rate),
-            previous=entries("previous", self.previous),
+            rate=numbers_of_inputs("rate", self.rate),
+            previous=numbers_of_inputs("previous", self.previous),
             x=pair_of("limits.x", self.x),
         )
         super().__post_init__()
@@ -273,7 +292,8 @@ class Cost(Asked):
         names of the states, of a matrix along both axes, may be in any order; so may R with the
         names of the inputs.
     R : "auto", float or array_like, shape (m,) or (m, m), optional
-        Weight of each input. "auto", the default with limits or other weights:
+        Weight of each input, or of those that are chosen where others are measured. "auto", the
+        default with limits or other weights:
         ``1e-8 tr(G'QG) / (m K)``, G from inputs to states.
     reference : array_like, shape (K + 1, n), optional
         The states wanted at the times 0, ..., K, instead of a target xf at all of them.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import isnan
@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from .. import _core
-from .._base import running, validation
+from .._base import running, show, validation
 from .._base.names import Labels, default_labels, weight
 from .._base.reading import shown_labels, titled
 from .._base.records import Record, require_shapes, trusted
@@ -104,19 +104,24 @@ def read_task(
     within: Limits,
     weights: Cost,
     labels: Labels | None = None,
+    measured: Sequence[str] = (),
 ) -> Task:
-    """Check limits and weights of K steps to `xf`; without any, ``||x(K) - xf||`` alone counts."""
+    """Check limits and weights of K steps to `xf`; without any, ``||x(K) - xf||`` alone counts.
+
+    `measured` are inputs that a gain does not choose.
+    """
     named = labels or default_labels(n, m)
+    chosen = np.isnan(forecast_of(within, 1, named)[0][0]) & ~np.isin(named.inputs, measured)
     running.need(f"`steps` = {K}: the limits and the reference", 8 * K * (2 * m + 3 * n))
     low, high = inputs_within(within, K, named)
-    rate, previous = _rates(within, low, high, named)
+    rate, previous = _rates(within, low, high, named, chosen)
     Q, Qf, R, reference = weights.Q, weights.Qf, weights.R, weights.reference
     stage = np.zeros((n, n)) if Q is None else weight("Q", Q, n, labels=named.states)
     terminal = stage if Q is not None else np.eye(n)
     if Qf is not None:
         terminal = weight("Qf", Qf, n, labels=named.states)
     auto = R is None or (isinstance(R, str) and R == "auto")
-    inputs = None if auto else weight("R", R, m, labels=named.inputs)
+    inputs = None if auto else weight_of_inputs(R, chosen, named)
     below = above = soft = None
     if within.x is not None:
         below, above = sides("limits.x", within.x, K, named)
@@ -207,8 +212,32 @@ def _side(name: str, value: Entries, K: int, names: tuple[str, ...], none: float
     return np.ascontiguousarray(np.broadcast_to(given, (K, m)) + 0.0)
 
 
+def weight_of_inputs(R: Any, chosen: NDArray[np.bool_], labels: Labels) -> Floats:
+    """The weight R, (m, m), also from one of the inputs that are chosen alone."""
+    names = [one for one, own in zip(labels.inputs, chosen, strict=True) if own]
+    if not isinstance(R, np.ndarray) or R.shape[-1] != len(names):
+        return weight("R", R, len(chosen), labels=labels.inputs)
+    full = np.zeros((len(chosen),) * 2)
+    full[np.ix_(chosen, chosen)] = weight("R", R, len(names), labels=names)
+    return full
+
+
+def _of_inputs(name: str, value: Entries, chosen: NDArray[np.bool_], labels: Labels) -> Floats:
+    """Numbers (m,) from one, from those of all or of the chosen inputs, or by name; else inf."""
+    names = np.array(labels.inputs, dtype=object)
+    if isinstance(value, np.ndarray):
+        if value.shape not in ((len(names),), (chosen.sum(),)):
+            raise ShapeError(
+                f"`{name}` must be a number, {show.number_of(int(chosen.sum()), 'number')} for "
+                f"{show.listed([*names[chosen]])}, or numbers by name, got shape {value.shape}"
+            )
+        value = Named(value, (*(names if len(value) == len(names) else names[chosen]),))
+    found: Floats = _side(name, value, 1, labels.inputs, np.inf)[0]
+    return found
+
+
 def _rates(
-    within: Limits, low: Floats, high: Floats, labels: Labels
+    within: Limits, low: Floats, high: Floats, labels: Labels, chosen: NDArray[np.bool_]
 ) -> tuple[Floats | None, Floats | None]:
     """``|u(k) - u(k-1)|`` at most, and ``u(-1)``; refused where they leave no room."""
     if within.rate is None:
@@ -216,16 +245,21 @@ def _rates(
         return None, None
     if within.previous is None:
         raise InputError("`previous` must be given with `rate`: the input now, a number or (m,)")
-    m = low.shape[1]
     rate, previous = (
-        validation.vector(
-            name, [one] * m if isinstance(one, float) else one, length=m, labels=labels.inputs
-        )
+        _of_inputs(name, one, chosen, labels)
         for name, one in (("rate", within.rate), ("previous", within.previous))
     )
     if (rate <= 0.0).any():
         raise InputError(f"`rate` must be > 0, got {rate.min():.3g}")
-    rate = np.where(np.isnan(forecast_of(within, 1, labels)[0][0]), rate, np.inf)
+    rate = np.where(chosen, rate, np.inf)
+    unknown = ~np.isfinite(previous)
+    if (unknown & (rate < np.inf)).any():
+        i = int(np.argmax(unknown & (rate < np.inf)))
+        raise NonFiniteError(
+            f"`previous` must be a finite number for {labels.entry(i, inputs=True)}, which has a "
+            "rate"
+        )
+    previous = np.where(unknown, 0.0, previous)
     # what a later limit leaves: l'_k = max(l_k, l'_{k+1} - rate), and h' likewise
     below, above = low[-1], high[-1]
     for k in range(len(low) - 1, -1, -1):
@@ -326,7 +360,8 @@ class Limited(Record):
             return np.zeros(self.u.shape, dtype=np.int8)
         change = np.diff(self.u, axis=0, prepend=previous[None])
         size = np.maximum(np.abs(self.u).max(axis=0), np.abs(previous))
-        at = np.abs(change) >= rate - ROUNDING * np.maximum(rate, size)
+        room = ROUNDING * np.maximum(np.where(rate < np.inf, rate, 0.0), size)
+        at = np.abs(change) >= rate - room
         return np.where(at, np.sign(change), 0.0).astype(np.int8)
 
 

@@ -231,7 +231,8 @@ class ReadingLoop(ControlLoop[Reading]):
                 )
             if within.forecast is not None:
                 raise InputError("`forecast` must be None for a Loop, see `gain(given=)`")
-            task = read_task(model.n, m, K, np.zeros(model.n), within, Cost(), labels)
+            start = np.zeros(model.n)
+            task = read_task(model.n, m, K, start, within, Cost(), labels, gain.given)
             fixed, of_inputs = np.isin(model.input_names, gain.given), model.data.pairs()[1]
             policy, ahead = gain.K.copy(), np.where(fixed, of_inputs.mean(axis=0), np.nan)[None]
         else:

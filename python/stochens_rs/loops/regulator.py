@@ -19,7 +19,15 @@ from ..feedback import Watched
 from ..feedback.certificate import sentence
 from ..identification.identified import Identified
 from ..limits.limits import Cost, Limits
-from ..limits.problem import Horizon, Task, inputs_within, loop_of, read_task
+from ..limits.problem import (
+    Horizon,
+    Task,
+    forecast_of,
+    inputs_within,
+    loop_of,
+    read_task,
+    weight_of_inputs,
+)
 from ..system.system import System
 from ..validation.held_out import PredictedLoop
 from .keep import Found, Kept, resumed
@@ -502,10 +510,11 @@ def continued(cost: Cost, system: System | Identified, within: Limits, steps: in
     """`cost` itself, or where Q and R are given alone with the cost of the gain of `gain` as Qf."""
     if cost.Q is None or cost.Qf is not None or cost.R is None or isinstance(cost.R, str):
         return cost
-    (n, m), names = system.B.shape, system.labels
+    n, names = len(system.A), system.labels
     low, high = inputs_within(within, steps, names)
     chosen = np.flatnonzero((low < high).any(axis=0))
-    Q, R = weight("Q", cost.Q, n, labels=names.states), weight("R", cost.R, m, labels=names.inputs)
+    free = np.isnan(forecast_of(within, 1, names)[0][0])
+    Q, R = weight("Q", cost.Q, n, labels=names.states), weight_of_inputs(cost.R, free, names)
     A, B = np.ascontiguousarray(system.A), np.ascontiguousarray(system.B[:, chosen])
     R = np.ascontiguousarray(R[chosen][:, chosen])
     try:

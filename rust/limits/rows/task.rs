@@ -120,7 +120,7 @@ fn sizes(h: &Steps<'_>, low: &[f64], high: &[f64]) -> Result<Vec<f64>> {
         }
     }
     // what the others make of it over the steps, of which one can be little, until they have grown themselves
-    let (mut x, mut next, known) = (try_copy(WHAT, h.x0)?, try_zeros(WHAT, n)?, try_copy(WHAT, &own)?);
+    let (mut x, mut next, known) = (try_copy(WHAT, h.x0)?, try_zeros::<f64>(WHAT, n)?, try_copy(WHAT, &own)?);
     for _ in 0..h.reference.len() / n.max(1) {
         for (i, to) in next.iter_mut().enumerate() {
             *to = h.a[i * n..(i + 1) * n].iter().zip(&x).map(|(a, x)| a * x).sum();

@@ -933,16 +933,6 @@ class SetPoints:
         limits: tuple[_Floats, _Floats],
         given: _Floats,
     ) -> SetPoint: ...
-    # what explains a bias beside noise: constants at the inputs, sensors, whether two of these
-    def causes(
-        self,
-        region: Region,
-        noise: _Floats,
-        learning: _Floats,
-        bias: _Floats,
-        at: tuple[_Floats, _Floats],
-        false_alarm: float,
-    ) -> tuple[_Floats | None, list[tuple[int, float]], bool] | None: ...
     # f* and the size of its terms: above 0 no system of the region rests there
     def lacking(
         self, region: Region, target: _Floats, limits: tuple[_Floats, _Floats]

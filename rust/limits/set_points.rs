@@ -15,7 +15,7 @@ use faer::{Mat, MatRef, Side};
 use crate::error::{Error, Result};
 use crate::memory::{covered, room_for_products, try_collect, try_extend, try_push, try_zeros};
 use crate::parallel::Stop;
-use crate::region::{Gate, Part, Region};
+use crate::region::{Part, Region};
 use crate::window::Window;
 
 use super::{Bounds, Penalty, Until, box_control};
@@ -26,9 +26,6 @@ const RANK: f64 = 1e-10;
 /// Held outputs or inputs that move by less than this, in units of their ranges, while free outputs move by their own: these
 /// integrate.
 const FLAT: f64 = 0.03;
-/// How often the sum of the covariances of all steps is doubled: over 2^40 steps, far more than a bias takes to be learned.
-const DOUBLINGS: usize = 40;
-
 /// The weight of an output with a target and none in the cost, beside the largest.
 const SMALL: f64 = 1e-6;
 /// So many inputs have all sets of their limits tried.
@@ -97,19 +94,6 @@ pub struct Spread {
     pub half: Vec<f64>,
     /// `||W N T_e D||`, below 1.
     pub norm: f64,
-}
-
-/// What explains a bias at rest.
-#[derive(Debug)]
-#[non_exhaustive]
-pub struct Causes {
-    /// Constants at the inputs (m), where these alone explain it.
-    pub acting: Option<Vec<f64>>,
-    /// Sensors, each with the constant that it adds: alone where constants at the inputs explain the bias too, otherwise
-    /// together with such constants.
-    pub sensors: Vec<(usize, f64)>,
-    /// Whether two sensors together with constants explain it, where nothing else does.
-    pub two: bool,
 }
 
 /// `a = u diag(s) v'` with all of v.
@@ -650,83 +634,6 @@ impl SetPoints {
         let other = scalar(e.transpose() * &e);
         let moved = scalar(u.transpose() * &curve * &u) + 2.0 * scalar(slope.transpose() * &u);
         Ok(Some((moved + own - other, own + other)))
-    }
-
-    /// What explains a bias e at rest at (y, u), learned with the gain `learning` (p, p), beside noise and the region; None where
-    /// these do, or are not known.
-    ///
-    /// `e = (Theta - H) z + b d + M s + n` for constants d at the inputs and s of the sensors, `b = H N_u`, `M = I - H N_y`, z at
-    /// rest `N_y y + N_u u + N_1`, and n of covariance `P = (I - L) P (I - L)' + L Sigma L'`. An explanation is refuted where what
-    /// it leaves of e is further off than `q + ||T D|| ||W z||`, T whitening P.
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::Numerical`], [`Error::Value`], [`Error::Memory`].
-    pub fn causes(
-        &self,
-        region: &Region,
-        learning: &[f64],
-        bias: &[f64],
-        [y, u]: [&[f64]; 2],
-        false_alarm: f64,
-    ) -> Result<Option<Causes>> {
-        let ((p, m), d) = (self.sizes(), self.along.nrows());
-        if [learning.len(), bias.len(), y.len(), u.len()] != [p * p, p, p, m] {
-            let (expected, found) = (format!("{p} outputs and {m} inputs"), bias.len().to_string());
-            return Err(Error::Shape { name: "bias", expected, found });
-        }
-        let Some(noise) = region.noise() else { return Ok(None) };
-        room_for_products()?;
-        covered(WHAT, self.bytes(), || {
-            let gain = MatRef::from_row_major_slice(learning, p, p);
-            let mut keeps = Matrix::identity(p, p) - gain;
-            let mut settled = gain * MatRef::from_row_major_slice(noise, p, p) * gain.transpose();
-            for _ in 0..DOUBLINGS {
-                settled = &settled + &keeps * &settled * keeps.transpose();
-                keeps = &keeps * &keeps;
-            }
-            let settled = Mat::from_fn(p, p, |i, j| 0.5 * (settled[(i, j)] + settled[(j, i)]));
-            let Ok(root) = settled.llt(Side::Lower) else { return Ok(None) };
-            let known = region.clone().with_noise(Some(listed(&settled)?))?;
-            let Some(gate) = Gate::new(&known, false_alarm)? else { return Ok(None) };
-            let white = root.L().partial_piv_lu();
-            let last = |i: usize| f64::from(u8::from(self.window.intercept() && i == d - 1));
-            let own = |i: usize, j: usize| self.along[(i, j)] * if j < p { y[j] } else { u[j - p] };
-            let z = try_collect(WHAT, (0..d).map(|i| (0..p + m).map(|j| own(i, j)).sum::<f64>() + last(i)))?;
-            let seen = try_collect(WHAT, (0..p).map(|_| true))?;
-            let off = Mat::from_fn(p, 1, |i, _| bias[i]);
-            // the true readings are those less what the sensors add
-            let turn = |j: usize| if j < p { 1.0 } else { -1.0 };
-            let explain = |which: &[usize]| -> Result<Option<Vec<f64>>> {
-                let chosen = Mat::from_fn(p, which.len(), |i, k| turn(which[k]) * self.m[(i, which[k])]);
-                let split = parts(&white.solve(&chosen))?;
-                let cut = 1e-9 * split.s.first().copied().unwrap_or(0.0);
-                let found = split.solve(&white.solve(&off), split.rank(cut));
-                let left = listed(&(&off - &chosen * &found))?;
-                let part = |i: usize, k: usize| turn(which[k]) * self.along[(i, which[k])] * found[(k, 0)];
-                let moved = |i: usize| (0..which.len()).map(|k| part(i, k)).sum::<f64>();
-                let at = try_collect(WHAT, (0..d).map(|i| z[i] - moved(i)))?;
-                let excess = gate.excess_of(&left, &z, &seen)?.min(gate.excess_of(&left, &at, &seen)?);
-                if excess <= 1.0 { listed(&found).map(Some) } else { Ok(None) }
-            };
-            if explain(&[])?.is_some() {
-                return Ok(None);
-            }
-            let inputs = try_collect(WHAT, p..p + m)?;
-            let acting = explain(&inputs)?;
-            let beside = if acting.is_some() { &[] } else { inputs.as_slice() };
-            let with = |some: &[usize]| try_collect(WHAT, some.iter().chain(beside).copied());
-            let mut sensors = Vec::new();
-            for i in 0..p {
-                if let Some(found) = explain(&with(&[i])?)? {
-                    try_push(WHAT, &mut sensors, (i, found[0]))?;
-                }
-            }
-            let mut two = false;
-            for (i, j) in (0..p).flat_map(|i| (i + 1..p).map(move |j| (i, j))) {
-                two = two || (acting.is_none() && sensors.is_empty() && explain(&with(&[i, j])?)?.is_some());
-            }
-            Ok(Some(Causes { acting, sensors, two }))
-        })?
     }
 
     /// The state of the window and the input while the target is `step` away and moves by `slope` a step (p, 0 where free), given

@@ -6,20 +6,16 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, getters, slice};
-use super::outputs::with_noise;
 use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
-use crate::limits::{Causes, Policy, SetPoint, SetPointTask, SetPoints};
+use crate::limits::{Policy, SetPoint, SetPointTask, SetPoints};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Row<'py> = Bound<'py, PyArray1<f64>>;
 type Made<'py> = Bound<'py, PyArray2<f64>>;
-/// The fields of `Causes`.
-type Explained<'py> = (Option<Row<'py>>, Vec<(usize, f64)>, bool);
-
 const WHAT: &str = "a set point";
 
 /// The points of rest of a model.
@@ -68,27 +64,6 @@ impl PySetPoints {
         };
         let point = run(py, 1e6, |_| self.0.at(&wish))?;
         Ok(PySetPoint { points: Arc::clone(&self.0), point })
-    }
-
-    /// `(constants at the inputs or None, sensors, whether two sensors)` that explain a bias at rest at (y, u), learned with
-    /// `learning`; None where the noise and the region do.
-    #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
-    fn causes<'py>(
-        &self,
-        py: Python<'py>,
-        region: &Bound<'_, PyRegion>,
-        noise: Matrix<'_>,
-        learning: Matrix<'_>,
-        bias: Vector<'_>,
-        at: (Vector<'_>, Vector<'_>),
-        false_alarm: f64,
-    ) -> PyResult<Option<Explained<'py>>> {
-        let region = with_noise(&region.get().0, Some(&noise))?;
-        let at = [slice("y", &at.0)?, slice("u", &at.1)?];
-        let found = self.0.causes(&region, slice("L", &learning)?, slice("bias", &bias)?, at, false_alarm)?;
-        let handed =
-            |found: Causes| Ok((found.acting.map(|acting| array1(py, acting)).transpose()?, found.sensors, found.two));
-        found.map(handed).transpose()
     }
 
     /// `(f*, size)` of all targets given: no system of the region rests there within the limits if `f* > 0`; -inf: not known.

@@ -267,3 +267,54 @@ def test_an_ensemble_is_simulated_with_its_names():
     np.testing.assert_array_equal(se.simulate_ensemble(units, x0, u).mean, found.mean)
     with pytest.raises(InputError, match="`x0` must have the labels"):
         se.simulate_ensemble(units, x0.rename({"v": "w"}), np.ones((3, 2)))
+
+
+def heater(P: str | None = "W", T: str | None = "K", effect: float = 8e-4) -> se.System:
+    units = {name: unit for name, unit in (("T", T), ("P", P)) if unit is not None}
+    return se.System([[0.9]], [[effect]], dt=300.0, states=["T"], inputs=["P"], units=units)
+
+
+KW = heater("kW", effect=0.8)  # the same heater
+
+
+def heaters(*others: se.System) -> list[se.System]:
+    return [heater(effect=8e-4 + 1e-6 * k) for k in range(30)] + list(others)
+
+
+@pytest.mark.parametrize(
+    ("meet", "named"),
+    [
+        (lambda one: se.SystemEnsemble.from_systems(heaters(one)), r"systems\[30\]"),
+        # the first ones say no unit: those that follow do
+        (lambda one: se.SystemEnsemble.from_systems([heater(None, None), *heaters(one)]), "31"),
+        (
+            lambda one: se.control_fleet(heaters(one), [0.0], [20.0], 12, limits=(0.0, 3e3)),
+            r"units\[30\]|systems\[30\]",
+        ),
+        (lambda one: se.control(heater(), [0.0], [20.0], steps=5).error(one, [0.0], [20.0]), ""),
+        (lambda one: se.control(heater(), [0.0], [20.0], steps=5).states(one, [0.0]), ""),
+        (lambda one: se.control(heater(), [0.0], [20.0], steps=5).validate([one] * 60), ""),
+        (lambda one: se.regulate(heater(), 5, limits=(0.0, 3e3)).swap(one), "system"),
+        (
+            lambda one: se.track(
+                one, np.zeros((5, 1)), controller=se.gain(heater(), 1.0, 1.0), x0=[1.0]
+            ),
+            "system",
+        ),
+    ],
+)
+def test_units_that_contradict_each_other_are_refused(meet: Callable[[Any], Any], named: str):
+    """A plan in W on a system in kW missed by 19 918 K without a word."""
+    with pytest.raises(InputError, match=f"{named}.* must have 'P' in 'W', got 'kW'"):
+        meet(KW)
+    with pytest.raises(InputError, match="must have 'T' in 'K', got 'degC'"):
+        meet(heater(T="degC"))
+    meet(heater())
+    meet(heater(None))  # of this one no unit is known
+
+
+def test_an_ensemble_has_the_units_of_all_its_systems():
+    found = se.SystemEnsemble.from_systems([heater(None), heater(T=None)])
+    assert dict(found.labels.units) == {"T": "K", "P": "W"}
+    plain = se.System([[0.9]], [[8e-4]], dt=300.0, units={"x[0]": "m"})  # another name, or none
+    assert se.SystemEnsemble.from_systems([heater(), plain]).labels == heater().labels

@@ -46,6 +46,24 @@ class Labels(Record, eq=True):
         if (x, u) != (n, m):
             raise ShapeError(f"`labels` must name {n} states and {m} inputs, got {x} and {u}")
 
+    def and_units(self, other: Labels) -> Labels:
+        """The same names with the units of others where there was none."""
+        if other.units in ((), self.units):
+            return self
+        units, known = {**dict(other.units), **dict(self.units)}, {*self.states, *self.inputs}
+        found = tuple(one for one in units.items() if one[0] in known)
+        return Labels(self.states, self.inputs, found)
+
+    def _require_units(self, argument: str, wanted: Labels) -> None:
+        """Refuse other units of the same name, where both are known."""
+        units = dict(wanted.units) if self.units != wanted.units else {}
+        for name, unit in self.units:
+            if units.get(name, unit) != unit:
+                raise InputError(
+                    f"`{argument}` must have {name[:40]!r} in {units[name][:40]!r}, got "
+                    f"{unit[:40]!r}: bring the numbers to one unit, written in one way"
+                )
+
     @property
     def given(self) -> bool:
         """Whether there is a name or a unit that is not the default."""
@@ -138,9 +156,11 @@ def _taken(values: Floats, order: list[int] | slice, axis: int = -1) -> Floats:
 def order_of(argument: str, found: Labels | None, wanted: Labels | None) -> Order:
     """Where the states and inputs that are `wanted` stand among those of a system that was `found`.
 
-    The same names in another order are brought into order, other names are refused. Names that were
-    not given fit all others.
+    The same names in another order are brought into order, other names are refused, and other units
+    of the same name. Names that were not given fit all others, and so do units.
     """
+    if found and wanted:
+        found._require_units(argument, wanted)
     order: list[list[int] | slice] = []
     for what, letter in (("states", "x"), ("inputs", "u")) if found and wanted else ():
         has, names = getattr(found, what), getattr(wanted, what)

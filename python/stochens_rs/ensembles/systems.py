@@ -86,12 +86,13 @@ class SystemEnsemble(SavedRecord, Tabled):
         Returns
         -------
         SystemEnsemble
-            The systems, in their order, with the names of the first that has some.
+            The systems, in their order, with the names of the first that has some, and all units.
 
         Raises
         ------
         InputError, InputTypeError
-            If the systems differ in size, in `dt` or in their names, or one cannot be used.
+            If the systems differ in size, in `dt`, in their names or in units, or one cannot be
+            used.
 
         Examples
         --------
@@ -111,7 +112,9 @@ class SystemEnsemble(SavedRecord, Tabled):
                 )
         dt = first.dt if isinstance(first.dt, float) else None
         labels = next((one.labels for one in found if one.labels.given), None)
-        found = [in_order(f"systems[{k}]", one, labels) for k, one in enumerate(found)]
+        for k, one in enumerate(found):
+            found[k] = in_order(f"systems[{k}]", one, labels)
+            labels = labels and labels.and_units(one.labels)
         A, B = np.array([one.A for one in found]), np.array([one.B for one in found])
         return cls(A, B, centre=centre, dt=dt, labels=labels)
 

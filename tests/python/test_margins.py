@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import warnings
 from dataclasses import replace
 
@@ -648,3 +649,34 @@ def test_readings_that_are_off_stay_in_the_tube(proof):
             power = closed @ power
         share = max(share, (sums / more[0]).max())
     assert 0.6 < share <= 1.0
+
+
+def test_a_declared_misfit_is_accepted_by_name_where_the_log_shows_it():
+    """A term that is declared in its true size fails a test of the log, which names the way on."""
+    A2, b = np.array([[0.8, 0.2], [-0.1, 0.7]]), np.array([0.3, 1.0])
+    misfit = se.Misfit(on="x[1]", of="x[0]", at_most=0.2, power=3, within=1.0)
+    rng, runs = np.random.default_rng(1), ([], [])
+    for _ in range(20):
+        x, u = [0.5 * rng.standard_normal(2)], 0.5 * rng.standard_normal((6, 1))
+        for v in u:
+            bent = 0.2 * np.sign(x[-1][0]) * min(abs(x[-1][0]) ** 3, 1.0)
+            x.append(A2 @ x[-1] + b * v + [0.0, bent] + 0.02 * rng.standard_normal(2))
+        runs[0].append(np.array(x))
+        runs[1].append(u)
+    data = se.Trajectories(*runs)
+
+    def certified(**options):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            model = se.identify(data, noise=0.02, scale=0.5, checks=False, **options)
+        return se.gain(model, 1.0, 1.0).certificate(0.05)
+
+    doubted, plain = certified(misfit=misfit), certified()
+    assert doubted.status == plain.status == "undetermined"
+    cure = r"not linear.* the declared Misfit: if that covers .* \(p = .*accept='nonlinear'\)$"
+    assert re.search(cure, doubted.reason)
+    assert "Misfit" not in plain.reason
+    names = ("nonlinear", "noise size", "outliers", "variance")
+    proof = certified(misfit=misfit, accept=names)
+    assert proof.status == "certified"
+    assert proof.region.contains(A2, b[:, None])

@@ -497,7 +497,9 @@ class Misfit(Options):
     With ``phi^2`` the sum of the bounds of ``||f||^2`` over the pairs the error of least squares
     grows to ``(1 + t) rho^2 S + (1 + 1/t) phi^2 E E'``, E the direction, for known noise; t is the
     best of the sum of both in units of S. In use f is a block beside the region. See "How much can
-    go wrong?".
+    go wrong?". The log is still tested: where the term shows in the data, "nonlinear" fails, or
+    "noise size", and nothing is certified until ``accept="nonlinear"`` of `identify` says that the
+    declaration covers all of what was found.
 
     Examples
     --------

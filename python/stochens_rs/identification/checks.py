@@ -177,6 +177,7 @@ FAULT = 5e-4  # level of each test of a log: together below 0.01
 # Of which law each test asks more than a mean of 0.
 OF_GAUSSIAN = ("outliers", "variance", "noise shape")
 OF_ROWS = ("spikes", "outliers")  # their places are pairs
+OF_MISFIT = ("nonlinear", "outliers", "noise size", "variance")  # a declared term shows so, too
 TEXTS = {
     "equal rows": "{count} pairs are equal to others to the last digit: pass them once",
     "spikes": "readings jump there and back, or cells are far from all others, at {rows}: cut "
@@ -384,6 +385,8 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         covariance=model.assumptions.covariance,
         **words,
     )
+    if name in OF_MISFIT and getattr(model, "misfit", None) is not None:
+        text += "; or it is the declared Misfit: if that covers all of it, accept it by name"
     return f"{text} (p = {test.p_value:.1g}; or accept={name!r})"
 
 

@@ -857,10 +857,15 @@ class Feedback:
     # (4 m + 6, 2): least and largest gain, phase, disk of each input; disk, delays, readings,
     # bits, share; the controller has a record c+ = N (c, v) + G y+, and asks for v = K c
     def margins(self, recorder: tuple[_Floats, _Floats] | None = None) -> _Floats: ...
-    # what rounding adds to states and inputs, with filters (pole, outputs, count), and what errors
-    # of readings add to states and K x, and to inputs
+    # what rounding adds to states and inputs, with filters (pole, outputs, count), of a loop that
+    # reaches (n + m,) and whose inputs are apart by (m,); and what errors of readings add to states
+    # and K x, and to inputs
     def rounded(
-        self, x0: _Floats, bits: int | None, filters: tuple[float | None, int, int] | None
+        self,
+        reach: _Floats,
+        apart: _Floats,
+        bits: int | None,
+        filters: tuple[float | None, int, int] | None,
     ) -> _Floats: ...
     def misread(
         self, recorder: tuple[_Floats, _Floats] | None, sizes: _Floats

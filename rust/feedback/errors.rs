@@ -109,16 +109,14 @@ impl Loop {
         // each input by what it is wrong at least
         let asked = weigh(reach);
         let start = gathered(asked.iter().zip(absolute).map(|(own, more)| own + more));
-        let moved = self.errors(&start, stop)?;
-        // the states may move by c times that: weights (reach + c moved) + absolute <= c start
-        let mut again = moved.clone();
-        again[n..].iter_mut().zip(&start).for_each(|(one, own)| *one += own);
-        let part = weigh(&again).into_iter().zip(&start).map(|(more, own)| if more > 0.0 { more / own } else { 0.0 });
+        let mut found = self.errors(&start, stop)?;
+        // the states may move by c times that: weights (reach + c found) + absolute <= c start
+        found[n..].iter_mut().zip(&start).for_each(|(one, own)| *one += own);
+        let part = weigh(&found).into_iter().zip(&start).map(|(more, own)| if more > 0.0 { more / own } else { 0.0 });
         let chi = part.fold(0.0, f64::max);
         if chi.is_nan() || chi >= 1.0 {
             return Ok(filled(n + m, f64::INFINITY));
         }
-        let mut found = moved;
         found.iter_mut().for_each(|v| *v *= (1.0 + ROUNDING) / (1.0 - chi));
         Ok(found)
     }

@@ -11,7 +11,7 @@ use super::data::{Matrix, WHAT, absolute, entries, filled, gathered, matrix};
 use super::late::Recorder;
 use super::loops::{Loop, bytes};
 use super::spectrum::radius;
-use super::tube::{ROUNDING, Run};
+use super::tube::ROUNDING;
 
 /// Unit roundoff of 32 bits.
 const U: f64 = 1.0 / 16_777_216.0;
@@ -40,18 +40,27 @@ struct Numbers {
 }
 
 impl Loop {
-    /// How far states and inputs from `x0` (n) on in the numbers of a computer are from those of exact numbers (n + m), for
-    /// ever: 32 bits of floating point, or fixed point with so many `bits` behind the point; the gain is the one that is stored.
+    /// How far states and inputs in the numbers of a computer are from those of exact numbers (n + m), for ever: 32 bits of
+    /// floating point, or fixed point with so many `bits` behind the point. The gain of this loop is the one that is stored;
+    /// the exact loop may have another one: its states and inputs are at most `reach` (n + m), and the inputs that the two
+    /// gains ask for at its states are at most `apart` (m) from each other.
+    ///
+    /// With the gains `K` and `S` (stored) and the exact states x, the difference e of the states is that of this loop with
+    /// wrong inputs: `e+ = (A + B S) e + B ((S - K) x + what is off at x + e)`.
     ///
     /// Of a filter `a c + (1 - a) b` each step is off by at most `e (|c| + |b|) + least`, and the filter by `1 / (1 - a)` of
     /// that, beside what b is off.
     ///
     /// # Errors
-    /// As [`Loop::errors`] and [`Loop::tube`].
-    pub fn rounded(&self, x0: &[f64], bits: Option<i32>, filters: Option<Filters>, stop: &Stop) -> Result<Vec<f64>> {
+    /// As [`Loop::errors`].
+    pub fn rounded(
+        &self,
+        (reach, apart): (&[f64], &[f64]),
+        bits: Option<i32>,
+        filters: Option<Filters>,
+        stop: &Stop,
+    ) -> Result<Vec<f64>> {
         let (n, m, k) = (self.data.n, self.data.m, absolute(&self.own_gain()));
-        let run = Run { x0, steps: 1, plan: &[], start: 0.0, rest: None, noise: None };
-        let reach = self.tube(run, stop)?.reach;
         let a = filters.map_or(0.0, |of| of.pole);
         let sum = (n as f64 + 2.0) * U;
         let (numbers, fixed) = match bits {
@@ -73,8 +82,8 @@ impl Loop {
         let (by, least) = (&k * by * faer::Scale(1.0 + numbers.sum), &k * least * faer::Scale(1.0 + numbers.sum));
         let own = |i: usize, j: usize| if j < n { numbers.sum * k[(i, j)] } else { 0.0 };
         let weights = entries(&Mat::from_fn(m, n + m, |i, j| by[(i, j)] + own(i, j)));
-        let fixed = gathered(fixed.iter().enumerate().map(|(i, v)| v + least[(i, 0)]));
-        self.computed(&reach, &weights, &fixed, stop)
+        let fixed = gathered(fixed.iter().zip(apart).enumerate().map(|(i, (v, more))| v + more + least[(i, 0)]));
+        self.computed(reach, &weights, &fixed, stop)
     }
 
     /// How far computed filters are off: times the sizes of states and inputs (n, n + m), and at least (n, 1).

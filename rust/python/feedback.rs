@@ -190,17 +190,19 @@ impl PyFeedback {
         array2(py, values, all.len(), 2)
     }
 
-    /// How far states and inputs from `x0` are moved by the rounding of a computer; filters are (pole, outputs, count).
+    /// How far states and inputs are moved by the rounding of a computer from those of a loop that is at most `reach` and asks
+    /// for inputs that are `apart`; filters are (pole, outputs, count).
     fn rounded<'py>(
         &self,
         py: Python<'py>,
-        x0: Vector<'_>,
+        reach: Vector<'_>,
+        apart: Vector<'_>,
         bits: Option<i32>,
         filters: Option<(Option<f64>, usize, usize)>,
     ) -> PyResult<Array1<'py>> {
-        let x0 = slice("x0", &x0)?;
+        let exact = (slice("reach", &reach)?, slice("apart", &apart)?);
         let filters = filters.and_then(|(pole, outputs, count)| pole.map(|pole| Filters { pole, outputs, count }));
-        array1(py, run(py, UNTIL_STOPPED, |stop| self.of.rounded(x0, bits, filters, stop))?)
+        array1(py, run(py, UNTIL_STOPPED, |stop| self.of.rounded(exact, bits, filters, stop))?)
     }
 
     /// How far states and `K x`, and inputs, are moved by readings that are off by these sizes.

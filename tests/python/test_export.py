@@ -208,7 +208,7 @@ def test_single_precision_is_in_the_tube_of_the_head(tmp_path: Path) -> None:
         near = exact = first
         for _ in range(60):
             near = plant @ np.concatenate([near, c.step(near)[1]])
-            exact = plant @ np.concatenate([exact, np.float32(loop.K).astype(float) @ exact])
+            exact = plant @ np.concatenate([exact, loop.K @ exact])
             most = np.maximum(most, np.abs(near - exact))
     assert (1e-3 * bound < most).all()
     assert (most <= bound).all()

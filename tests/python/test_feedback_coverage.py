@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ import stochens_rs as se
 from core_regions import ball, white
 from coverage_study import at_most, sets
 from stochens_rs import _core
+from stochens_rs.exceptions import SolverError
 from twin import feedback as twin
 
 NONE = np.zeros((0, 1))
@@ -252,3 +255,60 @@ def test_the_true_system_stays_in_the_tube():
     # one run in 20 and one region in 10 at most; each data set has five runs
     at_most(misses, count, 0.1 + 5 * 0.05)
     assert misses <= 0.2 * count
+
+
+# -- the controller's numbers ----------------------------------------------------------------------
+
+STEPS = 60
+DRAWN = ("dense", "sparse", "chain", "defective", "orthogonal", "scalar", "unstable", "zero_row")
+
+
+def rounded_run(gen, bits, noise):
+    """Whether a hidden plant with a controller in fixed point leaves the tube and its rounding.
+
+    States, inputs, and states by the old sum: the rounding beside the loop of the rounded gain.
+    """
+    m = int(gen.integers(1, 3))
+    _, A, B = hidden_systems.drawn(DRAWN[int(gen.integers(len(DRAWN)))], gen, 3, m)
+    n, m = B.shape
+    A = A * gen.uniform(0.8, 1.2) / max(np.abs(np.linalg.eigvals(A)).max(), 0.1)
+    sigma = 1e-3 if noise else 1e-5
+    x, u, w = (gen.standard_normal((40, size)) for size in (n, m, n))
+    data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + sigma * w)
+    model = se.identify(data, noise=sigma, checks=False, accept="no effect")
+    x0, unit = 8.0 * gen.standard_normal(n), 2.0**-bits
+    try:
+        loop = se.gain(model, 1.0, 0.1)
+    except SolverError:  # no input moves a mode that grows
+        return None
+    proof = loop.certificate(0.05)
+    tube = proof.tube(x0, STEPS, noise=noise)
+    found = proof.rounding(x0, bits=bits, steps=STEPS, noise=noise)
+    old = replace(loop, K=found.K, S=None).certificate(0.05).rounding(x0, bits=bits)
+    if not np.isfinite(found.states).all():
+        return None
+    left, z = np.zeros(3, dtype=bool), x0
+    for k in range(STEPS + 1):
+        off = np.abs(z - tube.states[k]) - tube.components[k] - 1e-9
+        left[0] |= (off > found.states).any()
+        left[2] |= (off > old.states).any()
+        v = np.round(found.K @ (np.round(z / unit) * unit) / unit) * unit
+        if k < STEPS:
+            off = np.abs(v - tube.inputs[k]) - tube.input_components[k] - 1e-9
+            left[1] |= (off > found.inputs).any()
+        z = A @ z + B @ v + (sigma * gen.standard_normal(n) if noise else 0.0)
+    return left
+
+
+@pytest.mark.parametrize(("bits", "noise"), [(3, None), (5, None), (8, None), (4, 0.05)])
+def test_a_hidden_plant_with_few_bits_stays_in_the_tube_and_its_rounding(bits, noise):
+    """The tube is of K: what was added before, the rounding beside the rounded K, is left."""
+    gen, runs, counts = np.random.default_rng(bits), 0, np.zeros(3, dtype=int)
+    for _ in range(sets(400, 60)):
+        left = rounded_run(gen, bits, noise)
+        if left is not None:
+            runs, counts = runs + 1, counts + left
+    assert runs > 20
+    at_most(counts[:2], runs, 0.05 + (noise or 0.0))
+    with pytest.raises(AssertionError, match="expected at most"):
+        at_most(counts[2], runs, 0.05 + (noise or 0.0))

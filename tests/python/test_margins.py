@@ -235,7 +235,9 @@ def test_an_uncertified_loop_has_no_margins():
     assert (certified[4 * m :] == [0.0, 0.0, 0.0, 0.0, np.inf, 1.0]).all()
     assert wide.core.allows(np.eye(wide.n), np.eye(wide.n + m))[0] == 0.0
     assert wide.core.attracted(np.ones(m), np.ones(wide.n)) == 0.0
-    assert np.isinf(wide.core.rounded(np.zeros(wide.n), None, None)).all()
+    for reach in (1.0, np.inf):
+        moved = wide.core.rounded(np.full(wide.n + m, reach), np.zeros(m), 12, None)
+        assert np.isinf(moved).all()
     assert np.isinf(wide.core.misread(None, np.ones(wide.n))[0]).all()
 
 
@@ -526,7 +528,7 @@ def test_float32_stays_within_its_bound(proof):
             Theta = proof.region.centre + rho * D @ (G / np.linalg.norm(G, 2)) @ part.white
             x = y = x0 * (1.0 if trial % 2 else -1.0)
             for _ in range(120):
-                x = Theta @ np.append(x, stored[0] @ x)
+                x = Theta @ np.append(x, K[0] @ x)
                 y = Theta @ np.append(y, computed(y))
                 most = np.maximum(most, np.abs(x - y))
         assert (most <= bound.states).all()

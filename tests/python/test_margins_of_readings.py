@@ -433,7 +433,7 @@ def test_saturation_and_float32_of_a_window():
         *_, end = followed(T, scale * x0, lambda x: np.clip(proof.K @ x, -1.0, 1.0))
         assert np.linalg.norm(end) < 1e-3
         K = bound.K.astype(np.float32)
-        exact = followed(T, x0, lambda x: bound.K @ x, 100)
+        exact = followed(T, x0, lambda x: proof.K @ x, 100)
         single = followed(T, x0, lambda x, K=K: (K @ x.astype(np.float32)).astype(float), 100)
         for one, other in zip(exact, single, strict=True):
             most = np.maximum(most, np.abs(one - other))
@@ -554,7 +554,7 @@ def test_filters_in_the_numbers_of_a_computer_stay_within_their_bound(bits):
         T = members.of(rng.standard_normal(members.shape)) if trial else Theta
         exact, plant, c = x0, x0, kept(x0)
         for _ in range(150):
-            u, v = bound.K @ exact, kept(sum(kept(k * one) for k, one in zip(K, c, strict=True)))
+            u, v = proof.K @ exact, kept(sum(kept(k * one) for k, one in zip(K, c, strict=True)))
             exact = own.next(exact, u, T @ own.next(exact, u)[0])[1]
             y = T @ own.next(plant, np.array([float(v)]))[0]
             plant = own.next(plant, np.array([float(v)]), y)[1]

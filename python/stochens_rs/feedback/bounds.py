@@ -152,26 +152,30 @@ class Margins(SavedRecord):
 
 
 class Rounding(SavedRecord):
-    """How far a loop in the numbers of a computer is from that in exact numbers.
+    """How far a loop in the numbers of a computer is from that of the certificate.
 
-    Made by `LoopCertificate.rounding`.
+    Made by `LoopCertificate.rounding`. The loop of the certificate has its own gain, in exact
+    numbers: what is here may be added to its `tube`, with the same noise in both.
 
     Attributes
     ----------
     K : ndarray, shape (m, n)
-        The gain as it is stored, which is the one that is certified.
+        The gain as it is stored.
     bits : int or None
         The bits behind the point; None for floating point of 32 bits.
     states : ndarray, shape (n,)
-        Each state of every system stays within this of that of the exact loop, for all time.
+        Each state of every system stays within this of that of the certificate's loop, for all
+        time; with noise for its steps.
     inputs : ndarray, shape (m,)
-        The same for ``K x``.
+        The same for the inputs.
     margin : float
         That of the stored gain, see `LoopCertificate.margin`.
     delta : float
         The true system is outside of the region with at most this probability.
     labels : Labels
         The names of states and inputs.
+    eps : float or None
+        The probability that the noise is larger; None without noise.
     """
 
     K: Annotated[Floats, "input state"]
@@ -181,6 +185,7 @@ class Rounding(SavedRecord):
     margin: float
     delta: Probability
     labels: Labels
+    eps: float | None = None
 
     def __repr__(self) -> str:
         form = "float32" if self.bits is None else show.number_of(self.bits, "fraction bit")
@@ -188,7 +193,8 @@ class Rounding(SavedRecord):
             return f"<Rounding: {form}, unbounded>"
         names = zip(self.labels.states, self.states, strict=True)
         each = ", ".join(f"{name} {show.at_most(float(v), 2)}" for name, v in list(names)[:6])
-        return f"<Rounding: {form}, {show.percent(self.delta)}, off by at most {each}>"
+        share, noise = show.percent(self.delta, self.eps or 0.0), "with" if self.eps else "without"
+        return f"<Rounding: {form}, {share}, off by at most {each} {noise} noise>"
 
 
 class Rest(SavedRecord):

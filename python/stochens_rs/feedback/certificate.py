@@ -718,8 +718,14 @@ class LoopCertificate(SavedRecord):
         first = validation.vector("x0", x0, length=self.region.n, labels=self.labels.states)
         return self._core.attracted(_smaller("inputs", inputs, self.region.m), first)
 
-    def rounding(self, x0: ArrayLike, *, bits: int | None = None) -> Rounding:
+    def rounding(
+        self, x0: ArrayLike, *, bits: int | None = None, steps: int = 1, noise: float | None = None
+    ) -> Rounding:
         """Bound how far the loop in the numbers of a small computer is from the exact one.
+
+        The exact one has the gain `K` of this certificate, not the rounded one: the bound may be
+        added to ``tube(x0, steps)`` or ``tube(x0, steps, noise=noise)``, without other arguments,
+        and holds in the same event.
 
         Parameters
         ----------
@@ -729,12 +735,16 @@ class LoopCertificate(SavedRecord):
             Fixed point with so many bits behind the point, with an exact sum. Default: floating
             point of 32 bits, in any order, with or without fused products, subnormal numbers kept
             or not.
+        steps : int, default 1
+            How many steps the bound is for, with `noise`; without it is for all time.
+        noise : float, optional
+            The probability that is given away for noise, as in `tube`. Default: no noise.
 
         Returns
         -------
         Rounding
-            Infinite where nothing is proved. States, gain and inputs are rounded to nearest; no
-            number overflows: see `Tube.reach` for their size.
+            Infinite where nothing is proved of `K` or of the stored gain. States, gain and inputs
+            are rounded to nearest; no number overflows: see `Tube.reach` for their size.
 
         Raises
         ------
@@ -743,11 +753,13 @@ class LoopCertificate(SavedRecord):
 
         Notes
         -----
-        The stored gain is certified as it is. Its inputs are wrong by ``|eta_i| <= g sum_j |K_ij
-        x_j| + mu``, ``g = (n + 2) u / (1 - (n + 2) u)``, ``u = 2^-24``; errors of the inputs move
-        the states by at most ``s``, an invariant ellipsoid for all systems, and ``s g |K|`` of the
-        states again. About the motion without noise. Filters ``a c + (1 - a) before`` and their
-        poles are rounded as well: in float32 each step is off by ``(5 + a / (1 - a)) u (|c| +
+        The stored gain S is certified as it is. Its inputs are wrong by ``|eta_i| <= g sum_j |S_ij
+        x_j| + mu``, ``g = (n + 2) u / (1 - (n + 2) u)``, ``u = 2^-24``, and by ``|S - K| |x|`` with
+        the states x of the exact loop, `Tube.reach` and noise; errors of the inputs move the states
+        by at most ``s``, an invariant ellipsoid for all systems, and ``s g |S|`` of the states
+        again. Of few bits S - K is the largest part: a loop whose own K has no more bits, as
+        ``replace(loop, K=found.K, S=None)``, has none of it. Filters ``a c + (1 - a) before`` and
+        their poles are rounded as well: in float32 each step is off by ``(5 + a / (1 - a)) u (|c| +
         |before|)``, and the filter by ``1 / (1 - a)`` of that, beside the one before it.
 
         Examples
@@ -757,7 +769,7 @@ class LoopCertificate(SavedRecord):
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
         >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> proof.rounding([1.0], bits=12)
-        <Rounding: 12 fraction bits, 95 %, off by at most x[0] 0.00042>
+        <Rounding: 12 fraction bits, 95 %, off by at most x[0] 0.00063 without noise>
         """
         self._at_zero("rounding")
         self._refuse("rounding", WINDOW, BIAS)
@@ -772,13 +784,17 @@ class LoopCertificate(SavedRecord):
         else:
             step = 2.0 ** -validation.size("bits", bits, minimum=0, maximum=62)
             kept = np.round(K / step) * step
-        # the gain that is stored, in place of this one
+        # the gain that is stored, about the motion of this one
         core = _judge(self.region, kept, self.labels, self.status == "undetermined")
-        first = validation.vector("x0", x0, length=n, labels=self.labels.states)
-        moved = core.rounded(first, bits, filters)
+        exact = self.tube(x0, steps, noise=noise)
+        reach = exact.reach + exact.noise
+        with np.errstate(invalid="ignore"):  # 0 inf
+            apart = np.abs(kept - K) @ reach[:n]
+        moved = core.rounded(reach, apart, bits, filters)
         states, inputs = (validation.frozen(one.copy()) for one in np.split(moved, [n]))
-        about = 1.0 / core.sizes[0] if core.status == "certified" else 0.0, self.region.delta
-        return Rounding(validation.frozen(kept), bits, states, inputs, *about, self.labels)
+        margin = 1.0 / core.sizes[0] if core.status == "certified" else 0.0
+        about = margin, self.region.delta, self.labels, noise
+        return Rounding(validation.frozen(kept), bits, states, inputs, *about)
 
     def _refuse(self, what: str, *but: str) -> None:
         """Refuse loops that remember what nothing is proved for."""

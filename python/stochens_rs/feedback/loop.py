@@ -165,7 +165,7 @@ class Loop(SavedRecord):
         Nothing is allocated, nothing is called. A state that no sensor can have read (nan, inf, a
         million times the largest in the data) holds the last input, and the code that is returned
         says so. ``-DCONTROLLER_FLOAT`` makes it single precision: the head says how far from the
-        loop of exact numbers that is at most, by `LoopCertificate.rounding`.
+        loop of the proof that is at most, without noise, by `LoopCertificate.rounding`.
 
         Examples
         --------

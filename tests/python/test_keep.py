@@ -9,6 +9,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
+from stochens_rs.exceptions import SolverError
 from test_feedback import RIG, WEIGHTS
 
 A, B = RIG[:, :4], RIG[:, 4:]
@@ -201,3 +202,13 @@ def test_without_a_plan_the_call_ends_with_its_time(monkeypatch):
         assert (len(plans) > 1) == (limit > 1.0)
     with pytest.raises(se.StochensError, match="cannot change with `keep`"):
         loop.target = np.zeros(4)
+
+
+def test_limits_too_close_for_the_margins_are_refused_without_a_state():
+    """When the loop is made there is no state yet: the message names the limits."""
+    model = model_of_runs(60)
+    limits = se.Limits(u=(-1.0, 1.0), x=(-1e-3, 1e-3), soft=False)
+    keep = se.Keep(se.gain(model, *WEIGHTS), 60, 0.9)
+    text = r"^no plan keeps the limits with 0\.9: .* between its limits lacks .* for noise$"
+    with pytest.raises(SolverError, match=text):
+        se.regulate(model, 20, limits=limits, cost=COST, keep=keep)

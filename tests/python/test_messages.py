@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import DataWarning, StochensError
+from stochens_rs.exceptions import DataWarning, InputError, StochensError
 from stochens_rs.theory import drawn_bound, moments, scenario
 
 A, B = np.diag([0.9, 0.8, 0.7]), np.eye(3)
@@ -180,3 +181,16 @@ def test_a_confidence_in_place_of_a_chance_of_error_is_warned_of():
     ):
         se.gain(model, 1.0, 1.0, guarantee=0.9)
     assert loop.certificate(0.5).status == "certified"
+
+
+def test_accepts_and_watch_say_why_a_model_cannot_be_refuted():
+    """A log that fails a test leaves no region: the message is about that, not an argument."""
+    x, u, w = np.random.default_rng(3).standard_normal((3, 80, 1))
+    data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + u**3 + 0.1 * w)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = se.identify(data, noise=se.Noise(sigma=0.1), checks=False)
+    text = r"^`accepts` and `watch` need a model of which something is certain.*; but .*accept='"
+    for asked in (lambda: model.accepts(data), se.gain(model, 1.0, 1.0).certificate().watch):
+        with pytest.raises(InputError, match=text):
+            asked()

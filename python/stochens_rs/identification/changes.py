@@ -80,10 +80,14 @@ class Predictor(SavedRecord):
         """The alarm of the core; refuses a source without noise, or without a bounded region."""
         if self.noise is None:
             raise InputError(
-                "`region` has no bound of the noise: declare `sigma` or `covariance`, no `tail`"
+                "`accepts` and `watch` need a model with a bound of the noise: declare `sigma` or "
+                "`covariance`, no `tail`"
             )
         if not np.isfinite(self.region.radius):
-            raise InputError(f"`region` must be bounded: {self.region.assumption}")
+            raise InputError(
+                "`accepts` and `watch` need a model of which something is certain, got one with "
+                f"{self.region.assumption}"
+            )
         about = np.ascontiguousarray(self.noise), self.window.core, (law, moving), promise
         return _core.Watch(self.region.core, *about, self.pairs)
 

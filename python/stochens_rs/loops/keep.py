@@ -309,14 +309,15 @@ class Kept:
     def _refuse(
         self, row: int, step: int | None, amount: float, model: float, noise: float
     ) -> NoReturn:
-        name = self.names[row]
-        where = "" if step is None else f" in step {step}"
+        of, where = "no plan", "between its limits"
+        if step is not None:
+            of, where = "no plan from this state", f"in step {step}"
         self.reset()
         self.missing = amount
         if not np.isfinite(amount):
-            raise SolverError("no plan from this state comes to rest within the limits")
+            raise SolverError(f"{of} comes to rest within the limits")
         raise SolverError(
-            f"no plan from this state keeps the limits with {self.keep:.3g}: {name}{where} lacks "
+            f"{of} keeps the limits with {self.keep:.3g}: {self.names[row]} {where} lacks "
             f"{amount:.3g} beside {model:.3g} for the error of the model, which more data reduce, "
             f"and {noise:.3g} for noise"
         )

@@ -309,9 +309,9 @@ class Kept:
     def _refuse(
         self, row: int, step: int | None, amount: float, model: float, noise: float
     ) -> NoReturn:
-        of, where = "no plan", "between its limits"
-        if step is not None:
-            of, where = "no plan from this state", f"in step {step}"
+        # what is kept back for the model is of a plan from a state
+        of = "no plan" if step is None and model == 0.0 else "no plan from this state"
+        where = "between its limits" if step is None else f"in step {step}"
         self.reset()
         self.missing = amount
         if not np.isfinite(amount):

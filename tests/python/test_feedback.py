@@ -498,7 +498,7 @@ def test_bounds_are_rounded_outwards():
         assert tube.radii.max() <= within < 1.01 * tube.radii.max()
     assert "(99.9999 %)" in repr(se.gain(of_runs(), 1.0, 1.0).certificate(1e-9))
     with pytest.raises(InputError, match="`noise` must be below 1 - delta"):
-        se.gain(of_runs(), 1.0, 1.0).certificate(0.6).tube([1.0, 0.0], 5, noise=0.5)
+        se.gain(of_runs(), 1.0, 1.0).certificate(0.45).tube([1.0, 0.0], 5, noise=0.6)
 
 
 def test_regions_of_other_models_are_refused():

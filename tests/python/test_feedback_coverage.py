@@ -304,11 +304,11 @@ def rounded_run(gen, bits, noise):
 def test_a_hidden_plant_with_few_bits_stays_in_the_tube_and_its_rounding(bits, noise):
     """The tube is of K: what was added before, the rounding beside the rounded K, is left."""
     gen, runs, counts = np.random.default_rng(bits), 0, np.zeros(3, dtype=int)
-    for _ in range(sets(400, 60)):
+    for _ in range(sets(400, 60 if noise else 24)):
         left = rounded_run(gen, bits, noise)
         if left is not None:
             runs, counts = runs + 1, counts + left
-    assert runs > 20
+    assert runs > 15
     at_most(counts[:2], runs, 0.05 + (noise or 0.0))
     with pytest.raises(AssertionError, match="expected at most"):
         at_most(counts[2], runs, 0.05 + (noise or 0.0))

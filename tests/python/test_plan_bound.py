@@ -98,7 +98,7 @@ def test_the_error_of_fits_is_known(method):
         bound = plan.bound()
         assert (bound.kind, bound["state"].method) == ("certain", "exact error")
         assert "targets of the fits" in bound.assumption
-        assert bound.to_dict() == {**plan.bound(0.9).to_dict(), "delta": 0.05}
+        assert bound.to_dict() == {**plan.bound(0.4).to_dict(), "delta": 0.05}
         error = plan.error(nominal, targets["x0"], targets["xf"])
         for name in ("state", "control"):
             assert getattr(error, name) <= getattr(bound, name)

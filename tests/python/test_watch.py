@@ -756,7 +756,7 @@ def test_a_change_began_where_the_onset_says(name, law, louder):
 
 def test_the_onset_of_a_drive_is_not_the_first_full_window():
     hits = []
-    for seed in range(8):
+    for seed in range(sets(8, 3)):
         loop, drive = two_masses.loop(watched=True), two_masses.Drive(np.random.default_rng(seed))
         loop.target = {"load": 60.0 * np.sign(np.sin(np.arange(1200.0) / 95.0))}
         at = 400 + 50 * seed
@@ -765,7 +765,7 @@ def test_the_onset_of_a_drive_is_not_the_first_full_window():
         hits.append(first <= at + 3 and at + 2 <= last)
         assert f"from between calls {first:.0f} and {last:.0f} on (95%)" in str(loop.watch)
         assert first > 17
-    assert np.mean(hits) >= 0.75  # the window is not exactly long enough
+    assert np.mean(hits) >= 0.6  # the window is not exactly long enough
     assert copy.copy(loop.watch).onset == (first, last)
 
 

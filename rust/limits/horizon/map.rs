@@ -29,7 +29,8 @@ const UNEQUAL: f64 = 1e-9;
 /// Factorizations that are usual.
 const FACTORS: usize = 8;
 
-/// What the inputs of K steps minimise, and their limits; matrices row by row.
+/// What the inputs of K steps minimise, and their limits; matrices row by row. K is the number of rows of `reference`; weights
+/// are Q, not their roots, which [`crate::fleet::Units`] takes.
 #[derive(Debug, Clone, Default)]
 pub struct Task {
     /// Limits of the inputs (K, m), infinite where there is none.

@@ -333,7 +333,7 @@ impl RecedingHorizon {
         Ok(Self { found: Solution::sized(d)?, given, fixed, point, reference, ahead: None, horizon, way })
     }
 
-    /// Whether one map serves all states.
+    /// Whether one map serves all states, as where there are limits of single inputs alone and not too many steps.
     pub fn condensed(&self) -> bool {
         matches!(self.way, Way::Inputs(_))
     }
@@ -439,8 +439,10 @@ impl RecedingHorizon {
 
     /// The best inputs from `x`. After an error, all is as before.
     ///
-    /// Without allocations and threads where one map or one table serves all states, unless hard limits of states cannot be
-    /// met, or rounding hides the best and there is no time limit: an interior point decides then.
+    /// Without allocations and threads where one map or one table serves all states (there [`Self::most`] has a number), unless
+    /// hard limits of states cannot be met, or rounding hides the best and there is no time limit: an interior point decides
+    /// then. Products of more than 128 inputs that are at no limit ask for memory of their own, and so do more than 1500 inputs
+    /// and limited states, which are solved anew in each call, by an interior point on a thread of its own.
     ///
     /// # Errors
     /// As [`Horizon::best`].

@@ -123,3 +123,10 @@ def test_names_with_units_are_those_of_a_system_with_the_same_units(names, same)
         return
     fused = se.fuse([OVEN, OVEN], "alse", data=data, noise=noise)
     assert np.abs(fused.A[np.ix_(np.argsort(order), np.argsort(order))] - A).max() < 0.1
+
+
+def test_runs_in_one_array_of_xarray_are_refused_for_their_labels_not_for_their_number():
+    xarray = pytest.importorskip("xarray")
+    states = xarray.DataArray(np.zeros((5, 11, 2)), dims=("run", "time", "state"))
+    with pytest.raises(InputError, match=r"`states\[0\]` has labels"):
+        se.Trajectories(states, np.zeros((5, 10, 1)))

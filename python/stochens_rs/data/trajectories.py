@@ -736,8 +736,8 @@ def shared_rows(a: Trajectories, b: Trajectories) -> int:
 
 def _several(name: str, value: Any) -> list[tuple[str, Any]]:
     """The runs in an argument, with their names in messages."""
-    if isinstance(value, np.ndarray) and value.ndim == 3:
-        return [(f"{name}[{k}]", one) for k, one in enumerate(value)]
+    if getattr(value, "ndim", 0) == 3:  # of xarray, too
+        return [(f"{name}[{k}]", value[k]) for k in range(len(value))]
     if isinstance(value, (list, tuple)) and value:
         first = value[0]
         inner = first[0] if isinstance(first, (list, tuple)) and first else None

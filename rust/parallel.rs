@@ -22,6 +22,12 @@ pub struct Stop {
     watch: Option<Box<Watch>>,
 }
 
+impl std::fmt::Debug for Stop {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Stop").finish_non_exhaustive()
+    }
+}
+
 impl Stop {
     /// No request yet.
     pub const fn new() -> Self {

@@ -42,6 +42,7 @@ impl Entity<'_> {
 }
 
 /// The paired realizations of `x0`, `xf` and `A` for a system with `n` states.
+#[derive(Debug)]
 pub struct Realized<'a> {
     pub(super) x0: Entity<'a>,
     pub(super) xf: Entity<'a>,

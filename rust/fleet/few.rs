@@ -19,6 +19,7 @@ const CARRIES: f64 = 1e-6;
 
 /// A command, what it rests on, and how far from the best one it can be.
 #[non_exhaustive]
+#[derive(Debug)]
 pub struct Few {
     /// `u`, inside the limits of inputs and rates.
     pub control: Vec<f64>,

@@ -30,6 +30,7 @@ const ROUNDS: usize = 4;
 
 /// A command and how far from the best one it can be.
 #[non_exhaustive]
+#[derive(Debug)]
 pub struct LeastMean {
     /// `u`, inside the limits.
     pub control: Vec<f64>,

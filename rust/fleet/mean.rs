@@ -16,6 +16,7 @@ use crate::vector::{axpy, dot};
 const ROWS: usize = 256;
 
 /// `mean_s ||G_s u - b_s||_Q^2 = u'Hu - 2 f'u + constant`.
+#[derive(Debug)]
 pub struct Moments {
     /// `H = mean_s G_s'Q G_s`, `(d, d)`.
     pub h: Vec<f64>,

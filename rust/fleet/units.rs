@@ -12,7 +12,7 @@ pub(super) const WHAT: &str = "a command for a fleet";
 const CHUNKS: usize = 64;
 
 /// `size` units of `n` states and `m` inputs over `steps` steps, row by row.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Units<'a> {
     /// `A_s`, `(size, n, n)`.
     pub a: &'a [f64],

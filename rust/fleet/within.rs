@@ -16,7 +16,7 @@ const KEPT: f64 = 1e-8;
 const ROOM: f64 = 1e-6;
 
 /// Limits of the command, and the weight of its inputs.
-#[derive(Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Limits<'a> {
     /// Lower limits of the inputs, `d`.
     pub low: &'a [f64],

@@ -31,6 +31,7 @@ const LARGE: usize = 100;
 
 /// The command with the least largest miss.
 #[non_exhaustive]
+#[derive(Debug)]
 pub struct Worst {
     /// `u`, inside the limits.
     pub control: Vec<f64>,

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, sized};
 
 /// `low <= u <= high`; infinite where there is no limit.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Bounds<'a> {
     pub(crate) low: &'a [f64],
     pub(crate) high: &'a [f64],

@@ -34,6 +34,7 @@ pub(super) enum End {
     Early(Status),
 }
 
+#[derive(Debug)]
 pub(super) struct Dual {
     /// Inputs of a step, all inputs, and these with the limited states behind them.
     m: usize,

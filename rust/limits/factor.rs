@@ -20,7 +20,7 @@ const PANEL: usize = 128;
 /// Columns of a square between two looks at the clock.
 const COLUMNS: usize = 512;
 
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Factor {
     lower: Vec<f64>,
     inverse: Vec<f64>,

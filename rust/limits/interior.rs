@@ -17,7 +17,7 @@ pub(super) const MOST: usize = 25;
 const SHORT: f64 = 0.995;
 
 /// One side of the limits: slack, multiplier and its change; a slack of infinity where there is no limit.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Side {
     slack: Vec<f64>,
     z: Vec<f64>,
@@ -76,7 +76,7 @@ impl Side {
     }
 }
 
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(super) struct Interior {
     sides: [Side; 2],
     diagonal: Vec<f64>,

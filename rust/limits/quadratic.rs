@@ -110,7 +110,7 @@ impl Method {
 }
 
 /// What ends a computation before its tolerance.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Until<'a> {
     pub(crate) stop: &'a Stop,
     deadline: Option<Instant>,

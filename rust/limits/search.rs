@@ -31,7 +31,7 @@ const UNKNOWN: f64 = 1e-6;
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Memory of a search, and its best control.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(super) struct Search {
     pub(super) u: Vec<f64>,
     pub(super) g: Vec<f64>,

@@ -92,7 +92,7 @@ pub(super) fn measured(mut work: impl FnMut() -> Result<()>) -> Result<f64> {
 }
 
 /// `R`: its diagonal, or all of it.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub enum Penalty<'a> {
     /// `d` entries.
     Diagonal(&'a [f64]),

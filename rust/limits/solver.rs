@@ -16,6 +16,7 @@ const WHAT: &str = "a control within limits";
 const GRADIENTS: usize = 6;
 
 /// One `M`, `R` and limits for many `x` with `y = target - state x`.
+#[derive(Debug)]
 pub struct Solver {
     dense: Dense,
     search: Search,

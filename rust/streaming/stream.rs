@@ -32,7 +32,7 @@ pub struct Config {
 }
 
 /// The means that are drawn from and fitted to, one key per slot, and one key for the choice of slots.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct StreamLaws {
     /// `x0`, `n` entries.
     pub x0: Vec<f64>,

@@ -17,7 +17,7 @@ const WHAT: &str = "a control within limits";
 const ILL: f64 = 1e8;
 
 /// `M` (rows, d) and the diagonal of `R`, with `H` and memory for its faces; lines are padded.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub(super) struct Dense {
     pub(super) d: usize,
     pub(super) ld: usize,

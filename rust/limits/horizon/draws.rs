@@ -19,7 +19,7 @@ use crate::{Key, Scheme, vector};
 const CHUNK: usize = 64;
 
 /// An entity as lines, and the number of realizations and the scheme of an average that every run draws anew.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct DrawnEntity<'a> {
     /// The lines: of a matrix its columns, or its rows where they are drawn.
     pub lines: &'a [f64],
@@ -58,7 +58,7 @@ impl DrawnEntity<'_> {
 }
 
 /// How many runs, their key, and the threads that take them.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Runs<'a> {
     /// Runs.
     pub count: usize,

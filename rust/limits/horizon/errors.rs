@@ -12,6 +12,7 @@ use crate::scaled;
 use crate::vector;
 
 /// What makes the inputs differ from the best ones.
+#[derive(Debug)]
 pub enum Cause<'a> {
     /// Nothing is random: the error itself.
     Known,

@@ -30,6 +30,7 @@ const JUDGED: usize = 5;
 const REACHED: f64 = 1e-12;
 
 /// Matrices in padded lines: columns of A and B, rows of A, weights, and the offset.
+#[derive(Debug)]
 struct Lines {
     columns: [Vec<f64>; 2],
     rows: Vec<f64>,
@@ -105,7 +106,7 @@ kernel! {
 }
 
 /// A plan within the limits of inputs and rates, judged.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Judged {
     u: Vec<f64>,
     /// Half the gradient, with the multipliers of rates and states.
@@ -122,6 +123,7 @@ impl Judged {
     }
 }
 
+#[derive(Debug)]
 pub(super) struct Pivoting {
     dual: Dual,
     lines: Lines,

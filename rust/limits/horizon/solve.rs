@@ -279,6 +279,7 @@ impl Horizon {
 }
 
 /// The best inputs from one state after another, each begun at the limits of the one before, a step later.
+#[derive(Debug)]
 pub struct RecedingHorizon {
     horizon: Horizon,
     /// The limits of inputs and states as they were given, and the reference.
@@ -294,6 +295,7 @@ pub struct RecedingHorizon {
 }
 
 /// How a loop finds its plans.
+#[derive(Debug)]
 enum Way {
     /// One map for all states, where the limits are those of single inputs.
     Inputs(Box<Solver>),

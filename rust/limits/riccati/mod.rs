@@ -22,7 +22,7 @@ const WHAT: &str = "a control of many steps";
 const OVERFLOW: Error = Error::Overflow { what: "the state without inputs over all steps" };
 
 /// A problem of many steps; matrices row by row.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Steps<'a> {
     /// `A` (n, n).
     pub a: &'a [f64],

@@ -19,7 +19,7 @@ const GROWN: f64 = 10.0;
 const NEAR: f64 = 8.0 * f64::EPSILON;
 
 /// Limits besides those of single inputs.
-#[derive(Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Rows<'a> {
     /// `|u(k) - u(k-1)| <= rate` (m), and `u(-1)` (m).
     pub rate: Option<(&'a [f64], &'a [f64])>,

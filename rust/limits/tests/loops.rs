@@ -201,7 +201,8 @@ fn no_call_takes_more_than_the_most() {
 /// Each of these was taken for no limit at all, with the status of an optimum, or read in part.
 #[test]
 fn what_is_no_limit_is_refused() {
-    let of = |change: &dyn Fn(&mut Task)| {
+    type Change<'a> = &'a dyn Fn(&mut Task);
+    let of = |change: Change<'_>| {
         let mut task = Task {
             low: vec![-1.0; 8],
             high: vec![1.0; 8],
@@ -217,7 +218,7 @@ fn what_is_no_limit_is_refused() {
         Horizon::new(&[[1.0, 0.1], [0.0, 1.0]], &[[0.0], [0.1]], None, task)
     };
     let mut right = RecedingHorizon::new(of(&|_| ()).unwrap(), &Stop::new()).unwrap();
-    let wrong: [(&str, &dyn Fn(&mut Task)); 14] = [
+    let wrong: [(&str, Change<'_>); 14] = [
         ("rate", &|task| task.rate = Some((vec![f64::NAN], vec![0.0]))),
         ("rate", &|task| task.rate = Some((vec![0.0], vec![0.0]))),
         ("rate", &|task| task.rate = Some((vec![], vec![0.0]))),

@@ -175,8 +175,9 @@ impl Horizon {
     /// `A` (n, n), `B` (n, m), and the offset `c` (n) if there is one.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits without a number between them and weights that are
-    /// none, [`Error::Overflow`], [`Error::Numerical`] for the root of a weight, [`Error::Memory`].
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits without a number between them and for weights that
+    /// are not symmetric or have an eigenvalue below 0, [`Error::Overflow`], [`Error::Numerical`] for the root of a weight,
+    /// [`Error::Memory`].
     pub fn new<'a>(
         a: impl Into<MatrixView<'a>>,
         b: impl Into<MatrixView<'a>>,

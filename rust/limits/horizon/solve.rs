@@ -340,8 +340,8 @@ impl RecedingHorizon {
         matches!(self.way, Way::Inputs(_))
     }
 
-    /// `u(-1)` (m) from now on, if the task has rates: the input that is applied, to be said after each call. It counts from the
-    /// point of [`Self::about`], as all inputs do.
+    /// `u(-1)` (m) from now on, if the task has rates: pass the input that was applied after each [`Self::solve`]. It counts from
+    /// the point of [`Self::about`], as all inputs do.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`]; then all is as before.

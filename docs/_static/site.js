@@ -21,3 +21,14 @@ document.addEventListener("DOMContentLoaded", () => {
     block.append(button);
   }
 });
+
+// Figures of several panels keep a width at which their letters can be read, and scroll on a phone.
+window.addEventListener("load", () => {
+  for (const figure of document.querySelectorAll(".bd-article img")) {
+    if (figure.naturalWidth < 1400 || figure.closest("a, .wide")) continue;
+    const frame = document.createElement("div");
+    frame.className = "wide";
+    figure.replaceWith(frame);
+    frame.append(figure);
+  }
+});

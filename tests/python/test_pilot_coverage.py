@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from coverage_study import exactly, most, sets
+from coverage_study import LEVELS, exactly, most, sets
 from hidden_systems import covariance as noise_covariance
 from hidden_systems import of_each_kind
 from pilot_sets import (
@@ -60,7 +60,7 @@ def test_the_law_of_the_error_is_exact() -> None:
     exactly(outside, runs)
 
 
-@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
+@pytest.mark.parametrize("delta", LEVELS)
 def test_regions_with_feedback_and_without(delta: float) -> None:
     """Unstable, held by a gain, and unit roots: 400 sets each; regions are nearly exact."""
     held, count = family(2, 1, 1.2, 5), sets(400, 200)
@@ -79,7 +79,7 @@ def test_regions_with_feedback_and_without(delta: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
+@pytest.mark.parametrize("delta", LEVELS)
 @pytest.mark.parametrize("name", ["rig", *FAMILIES])
 def test_certificates_of_all_families(name: str, delta: float) -> None:
     """Of each way, 4 to 10 data sets in `make test`, and of all six ways together."""
@@ -116,7 +116,7 @@ HIDDEN = {
 }
 
 
-@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
+@pytest.mark.parametrize("delta", LEVELS)
 def test_hidden_systems(delta: float) -> None:
     """Twelve kinds of systems and five of noise, 15 data sets each: target, tube, components.
 

@@ -13,7 +13,7 @@ from scipy.integrate import trapezoid
 from scipy.stats import chi2, norm
 
 import hidden_systems
-from coverage_study import at_most, exactly, sets
+from coverage_study import LEVELS, at_most, exactly, sets
 from stochens_rs import _core
 from twin import outputs
 from twin import sharper as twin
@@ -211,8 +211,6 @@ def test_no_covariance_above_that_of_the_lemma():
 
 # -- sec. 2: the law of spent instruments ----------------------------------------------------------
 
-LEVELS = (0.5, 0.2, 0.05)
-
 
 def unit_root(w, dither):
     """x+ = x + w and an intercept."""
@@ -299,7 +297,7 @@ def pairs(name, count):
 
 
 def exceeding(Gamma):
-    """How often ``||Gamma||_F^2`` and an entry are above their quantiles, at three levels."""
+    """How often ``||Gamma||_F^2`` and an entry are above their quantiles, at each level."""
     sizes, entries = (Gamma**2).sum(axis=(1, 2)), np.abs(Gamma[:, 0, 0])
     return np.array(
         [
@@ -370,7 +368,7 @@ def test_what_the_fit_errs_by():
     assert (fit.H - Theta) * units == pytest.approx(root @ Gamma @ fit.T * units, abs=1e-10)
 
 
-@pytest.mark.parametrize("level", [0.5, 0.2, 0.05])
+@pytest.mark.parametrize("level", LEVELS)
 def test_the_bound_of_an_unknown_covariance(level):
     """Half of the level for the radius, half for the least root of the noise."""
     z, w, N1 = drawn("oscillation", sets(2000, 60), longer=50)

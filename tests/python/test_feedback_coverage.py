@@ -304,7 +304,7 @@ def rounded_run(gen, bits, noise):
 def test_a_hidden_plant_with_few_bits_stays_in_the_tube_and_its_rounding(bits, noise):
     """The tube is of K: what was added before, the rounding beside the rounded K, is left."""
     gen, runs, counts = np.random.default_rng(bits), 0, np.zeros(3, dtype=int)
-    for _ in range(sets(400, 60 if noise else 24)):
+    for _ in range(sets(400, 44 if noise else 24)):
         left = rounded_run(gen, bits, noise)
         if left is not None:
             runs, counts = runs + 1, counts + left

@@ -85,7 +85,7 @@ pub(super) struct Interior {
 }
 
 impl Interior {
-    fn new(d: usize) -> Result<Self> {
+    pub(super) fn new(d: usize) -> Result<Self> {
         let zeros = || try_zeros(WHAT, d);
         Ok(Self {
             sides: [Side::new(d, 1.0)?, Side::new(d, -1.0)?],

@@ -67,6 +67,12 @@ impl Search {
         })
     }
 
+    /// Memory for what is asked for at its first use.
+    pub(super) fn reserve(&mut self) -> Result<()> {
+        self.interior = Interior::new(self.u.len())?;
+        Ok(())
+    }
+
     /// Searches from the limits that `warm` names, or from a guess; then `u`, `g` and `certificate` are those of the best
     /// control found.
     pub(super) fn run(

@@ -272,6 +272,42 @@ pub(super) fn checked_warm(warm: Option<&[i8]>, d: usize) -> Result<()> {
     }
 }
 
+/// The limits that the last call of a loop has reached, and those at which the next one begins, some inputs later.
+#[derive(Debug)]
+pub(super) struct Warm {
+    last: Vec<i8>,
+    next: Vec<i8>,
+    begun: bool,
+}
+
+impl Warm {
+    pub(super) fn new(d: usize) -> Result<Self> {
+        Ok(Self { last: try_filled(WHAT, 0, d)?, next: try_filled(WHAT, 0, d)?, begun: false })
+    }
+
+    pub(super) fn later(&mut self, shift: usize) -> Option<&[i8]> {
+        self.next.copy_from_slice(&self.last);
+        self.next.copy_within(shift.min(self.last.len()).., 0);
+        self.begun.then_some(&self.next)
+    }
+
+    pub(super) fn reached(&mut self, signs: &[i8]) {
+        self.last.copy_from_slice(signs);
+        self.begun = true;
+    }
+
+    pub(super) fn last(&self) -> Option<&[i8]> {
+        self.begun.then_some(&self.last)
+    }
+
+    pub(super) fn resume(&mut self, signs: Option<&[i8]>) -> Result<()> {
+        checked_warm(signs, self.last.len())?;
+        self.begun = false;
+        signs.into_iter().for_each(|signs| self.reached(signs));
+        Ok(())
+    }
+}
+
 /// The least `||M u - y||^2 + u' R u` within `bounds`, from the limits that `warm` names.
 ///
 /// # Errors

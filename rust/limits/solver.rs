@@ -5,9 +5,9 @@ use super::dense::Dense;
 use super::orthogonal::reduce;
 use super::quadratic::{Quadratic, Until};
 use super::search::{FACTORIZATIONS, Search};
-use super::solve::{Most, Penalty, Solution, checked_warm, find, measured, stacked, tell};
+use super::solve::{Most, Penalty, Solution, Warm, find, measured, stacked, tell};
 use crate::error::{Error, Result, require_finite, sized};
-use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
+use crate::memory::{checked_len, try_copy, try_zeros};
 use crate::parallel::Stop;
 
 const WHAT: &str = "a control within limits";
@@ -26,10 +26,8 @@ pub struct Solver {
     /// `[state target]` after reduction: the rows of `T` first, then those that no input changes.
     map: Vec<f64>,
     n: usize,
-    /// The limits that the last call has reached, if there was one; those of this call; and its `y` and result.
-    warm: Vec<i8>,
-    begun: bool,
-    shifted: Vec<i8>,
+    warm: Warm,
+    /// `y` and result of a call.
     y: Vec<f64>,
     found: Solution,
 }
@@ -61,9 +59,9 @@ impl Solver {
         dense.prepare(Until::new(stop, None))?;
         let (low, high) = (try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?);
         dense.reserve()?;
-        let signs = || try_filled(WHAT, 0, d);
-        let (warm, shifted, y, found) = (signs()?, signs()?, try_zeros(WHAT, d)?, Solution::sized(d)?);
-        Ok(Self { search: Search::new(d)?, dense, low, high, shift, map, n, warm, begun: false, shifted, y, found })
+        let (warm, y, found, mut search) = (Warm::new(d)?, try_zeros(WHAT, d)?, Solution::sized(d)?, Search::new(d)?);
+        search.reserve()?;
+        Ok(Self { search, dense, low, high, shift, map, n, warm, y, found })
     }
 
     /// The best control for `x`. After an error, all is as before. Without allocations, unless rounding hides the best.
@@ -80,18 +78,19 @@ impl Solver {
         self.dense.rest = others.chunks_exact(n + 1).map(|row| at(row).powi(2)).sum();
         self.dense.aim(&self.y)?;
         let bounds = Bounds { low: &self.low, high: &self.high };
-        self.shifted.copy_from_slice(&self.warm);
-        self.shifted.copy_within(self.shift.min(d).., 0);
-        let first = self.begun.then_some(&self.shifted[..]);
+        let first = self.warm.later(self.shift);
         let ended = find(&mut self.dense, &mut self.search, bounds, first, until)?;
         tell(&self.search, bounds, ended, (self.dense.scale(), self.dense.scale()), &mut self.found);
-        self.warm.copy_from_slice(&self.found.active);
-        self.begun = true;
+        self.warm.reached(&self.found.active);
         Ok(&self.found)
     }
 
     /// Other limits, as many.
     pub(super) fn limit(&mut self, low: &[f64], high: &[f64]) {
+        let fixed = |low: &[f64], high: &[f64], i: usize| low[i] == high[i];
+        if (0..low.len()).any(|i| fixed(low, high, i) != fixed(&self.low, &self.high, i)) {
+            self.dense.whole = false; // a factor of all inputs but those that were fixed
+        }
         self.low.copy_from_slice(low);
         self.high.copy_from_slice(high);
     }
@@ -102,10 +101,10 @@ impl Solver {
     /// As [`super::box_control`].
     pub fn most(&mut self) -> Result<Most> {
         let (d, stop) = (self.low.len() as f64, Stop::new());
-        self.shifted.fill(0);
+        self.search.fixed.fill(0);
         self.search.u.fill(0.0);
         let seconds = measured(|| {
-            self.dense.barrier(&self.shifted, &self.y, Until::new(&stop, None))?;
+            self.dense.barrier(&self.search.fixed, &self.y, Until::new(&stop, None))?;
             for _ in 0..GRADIENTS {
                 self.dense.slope(&self.search.u, &mut self.search.g);
             }
@@ -119,7 +118,7 @@ impl Solver {
 
     /// The limits at which the next call begins.
     pub fn warm(&self) -> Option<&[i8]> {
-        self.begun.then_some(&self.warm)
+        self.warm.last()
     }
 
     /// Sets them.
@@ -127,12 +126,7 @@ impl Solver {
     /// # Errors
     /// [`Error::Shape`].
     pub fn resume(&mut self, warm: Option<Vec<i8>>) -> Result<()> {
-        checked_warm(warm.as_deref(), self.low.len())?;
-        self.begun = warm.is_some();
-        if let Some(warm) = warm {
-            self.warm = warm;
-        }
-        Ok(())
+        self.warm.resume(warm.as_deref())
     }
 }
 

@@ -52,16 +52,16 @@ impl PyLoop {
         Ok(BoxControl(self.inner.with(py, self.cost, |inner, stop| inner.solve(x, Until::new(stop, limit)).cloned())?))
     }
 
-    /// Inputs (m,) and states (n,) from which those of the plans count; the limits are moved by them.
-    fn about(&self, py: Python<'_>, inputs: Vector<'_>, states: Vector<'_>) -> PyResult<()> {
+    /// Inputs (m,) and states (n,) from which those of the plans count; the limits are moved by them. With values of inputs that
+    /// are not chosen (K, m), nan for the others.
+    #[pyo3(signature = (inputs, states, fixed=None))]
+    fn about(&self, py: Python<'_>, inputs: Vector<'_>, states: Vector<'_>, fixed: Option<Matrix<'_>>) -> PyResult<()> {
         let (inputs, states) = (slice("inputs", &inputs)?, slice("states", &states)?);
-        self.inner.with(py, 0.0, |inner, _| inner.about(inputs, states))
-    }
-
-    /// Values of inputs that are not chosen (K, m), nan for the others.
-    fn fix(&self, py: Python<'_>, values: Matrix<'_>) -> PyResult<()> {
-        let values = slice("values", &values)?;
-        self.inner.with(py, 0.0, |inner, _| inner.fix(values))
+        let fixed = fixed.as_ref().map(|fixed| slice("fixed", fixed)).transpose()?;
+        self.inner.with(py, 0.0, |inner, _| {
+            fixed.map_or(Ok(()), |fixed| inner.fix(fixed))?;
+            inner.about(inputs, states)
+        })
     }
 
     /// The states (K, n) that plans follow from now on.

@@ -612,12 +612,10 @@ class ReadingLoop(ControlLoop[Reading]):
             (A, B, _), kept = self._system, self.kept
             within = task if kept is None else kept.tightened(task)
             self._solver, near = loop_of(within, A, B, None), np.False_
-        if self._measures:
-            self._solver.fix(steps_ahead(self._given, task.steps))
-            near = np.False_
-        if not near:
+        if self._measures or not near:
+            given = steps_ahead(self._given, task.steps) if self._measures else None
             # at rest the first lags or filters are the readings, which may stand behind the window
-            self._solver.about(us, self._whole(xs, xs, us))
+            self._solver.about(us, self._whole(xs, xs, us), given)
             self._solved = xs, us
         return self._solver
 

@@ -48,7 +48,7 @@ pub(super) struct Dense {
     other: Factor,
     others: Vec<usize>,
     /// `other` is of `H` itself.
-    whole: bool,
+    pub(super) whole: bool,
     /// `H^{-1}`, in lines like `H`; whether it serves for all faces, and whether that was tried.
     inverse: Vec<f64>,
     inverted: bool,

@@ -1,13 +1,13 @@
 //! The best inputs of a horizon.
 
-use super::map::{Horizon, WHAT};
+use super::map::{Horizon, Task, WHAT};
 use super::pivoting::Pivoting;
 use crate::error::{Error, Result, sized};
 use crate::limits::bounds::Bounds;
 use crate::limits::linear::{form, least_eigenvalue, norm, product, singular_values};
 use crate::limits::quadratic::{Status, Until};
 use crate::limits::riccati::closed::{Followed, followed_control};
-use crate::limits::riccati::{Steps, horizon_control};
+use crate::limits::riccati::{Recursion, Steps, horizon_control};
 use crate::limits::rows::{KINDS, Rows, RowsSolution, rows_control};
 use crate::limits::solve::{Most, Solution, box_control, checked_warm};
 use crate::limits::solver::Solver;
@@ -102,15 +102,7 @@ impl Horizon {
             return box_control(self.map()?, &y, Self::penalty(&cost), bounds, warm, until).map(boxed);
         }
         let reference = self.wanted()?;
-        let steps = Steps {
-            a: &self.a,
-            b: &self.b,
-            x0,
-            reference: &reference,
-            stage: &self.task.stage,
-            terminal: &self.task.terminal,
-            r: &self.r,
-        };
+        let steps = self.problem(x0, &reference);
         if free || self.boxed() {
             return horizon_control(&steps, bounds, warm, until).map(boxed);
         }
@@ -127,6 +119,11 @@ impl Horizon {
         let states = shifted.as_ref().map(|(low, high)| (&low[..], &high[..]));
         let rows = Rows { states, ..self.task.rows() };
         rows_control(&steps, bounds, rows, until).map(|found| self.unsure(found))
+    }
+
+    fn problem<'a>(&'a self, x0: &'a [f64], reference: &'a [f64]) -> Steps<'a> {
+        let Task { stage, terminal, .. } = &self.task;
+        Steps { a: &self.a, b: &self.b, x0, reference, stage, terminal, r: &self.r }
     }
 
     /// Where the system grows, a certificate of the inputs alone says nothing of it.
@@ -287,6 +284,8 @@ pub struct RecedingHorizon {
     /// Inputs that are not chosen (K, m), nan for the others, and the point that inputs and states count from.
     fixed: Vec<f64>,
     point: (Vec<f64>, Vec<f64>),
+    /// Whether these changed since the last call.
+    moved: bool,
     reference: Vec<f64>,
     /// `(x, F_k (r(k) - reference(k)))`, for one map of both, where there was another reference.
     ahead: Option<Vec<f64>>,
@@ -301,6 +300,8 @@ enum Way {
     Inputs(Box<Solver>),
     /// One table for all states, where there are others.
     Rows(Box<Pivoting>),
+    /// By the recursion of Riccati, where there are many steps and limits of single inputs.
+    Steps(Box<Recursion>),
     /// Anew, from these limits if they are those of inputs alone.
     Anew(Option<Vec<i8>>),
 }
@@ -325,6 +326,10 @@ impl RecedingHorizon {
             let goal = (&state[..], &target[..]);
             let solver = Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?;
             way = Way::Inputs(Box::new(solver));
+        } else if horizon.long() && horizon.boxed() && !horizon.grows {
+            let (x0, reference) = (try_zeros(WHAT, horizon.n)?, horizon.wanted()?);
+            let recursion = Recursion::new(&horizon.problem(&x0, &reference), Until::new(stop, None))?;
+            way = Way::Steps(Box::new(recursion));
         }
         let task = &horizon.task;
         let (below, above) = task.states.as_ref().map_or((&[][..], &[][..]), |(low, high)| (&low[..], &high[..]));
@@ -332,7 +337,8 @@ impl RecedingHorizon {
             [try_copy(WHAT, &task.low)?, try_copy(WHAT, &task.high)?, try_copy(WHAT, below)?, try_copy(WHAT, above)?];
         let (reference, fixed) = (try_copy(WHAT, &task.reference)?, try_filled(WHAT, f64::NAN, d)?);
         let point = (try_zeros(WHAT, horizon.m)?, try_zeros(WHAT, horizon.n)?);
-        Ok(Self { found: Solution::sized(d)?, given, fixed, point, reference, ahead: None, horizon, way })
+        let found = Solution::sized(d)?;
+        Ok(Self { found, given, fixed, point, moved: false, reference, ahead: None, horizon, way })
     }
 
     /// Whether one map serves all states, as where there are limits of single inputs alone and not too many steps.
@@ -360,7 +366,7 @@ impl RecedingHorizon {
             return Err(Error::Value { name: "values", expected: "numbers, or nan", found: "an infinite one".into() });
         }
         self.fixed.copy_from_slice(values);
-        self.limit();
+        self.moved = true;
         Ok(())
     }
 
@@ -417,12 +423,15 @@ impl RecedingHorizon {
         }
         self.point.0.copy_from_slice(inputs);
         self.point.1.copy_from_slice(states);
-        self.limit();
+        self.moved = true;
         Ok(())
     }
 
     /// The limits that were given, or the inputs that are fixed, less the point.
     fn limit(&mut self) {
+        if !std::mem::take(&mut self.moved) {
+            return;
+        }
         let Self { horizon, given, fixed, point, way, .. } = self;
         for (to, given) in [&mut horizon.task.low, &mut horizon.task.high].into_iter().zip(&given[..2]) {
             for ((to, side), (fixed, by)) in to.iter_mut().zip(given).zip(fixed.iter().zip(point.0.iter().cycle())) {
@@ -441,14 +450,15 @@ impl RecedingHorizon {
 
     /// The best inputs from `x`. After an error, all is as before.
     ///
-    /// Without allocations and threads where one map or one table serves all states (there [`Self::most`] has a number), unless
-    /// hard limits of states cannot be met, or rounding hides the best and there is no time limit: an interior point decides
-    /// then. Products of more than 128 inputs that are at no limit ask for memory of their own, and so do more than 1500 inputs
-    /// and limited states, which are solved anew in each call, by an interior point on a thread of its own.
+    /// Without allocations and threads where one map, one table or one recursion serves all states, unless hard limits of
+    /// states cannot be met, or rounding hides the best and there is no time limit: an interior point decides then. By design
+    /// these are solved anew in each call, with memory of their own: systems that grow (1e4-fold over the steps), and more than
+    /// 1500 inputs and limited states with limits of rates or states, which Clarabel takes, on a thread of its own.
     ///
     /// # Errors
     /// As [`Horizon::best`].
     pub fn solve(&mut self, x: &[f64], until: Until<'_>) -> Result<&Solution> {
+        self.limit();
         let Self { horizon, found, way, ahead, .. } = self;
         match way {
             Way::Inputs(solver) => {
@@ -468,6 +478,10 @@ impl RecedingHorizon {
                     *found = other.found;
                 }
             }
+            Way::Steps(recursion) => {
+                let Task { low, high, reference, .. } = &horizon.task;
+                recursion.solve(x, (reference, &horizon.drift), Bounds { low, high }, until, found)?;
+            }
             Way::Anew(warm) => {
                 let later = warm.as_ref().map(|warm| horizon.later(warm)).transpose()?;
                 let other = horizon.best(x, false, later.as_deref().filter(|_| horizon.boxed()), until)?;
@@ -484,10 +498,11 @@ impl RecedingHorizon {
     /// # Errors
     /// As [`Solver::new`].
     pub fn most(&mut self) -> Result<Option<Most>> {
+        self.limit();
         match &mut self.way {
             Way::Inputs(solver) => solver.most().map(Some),
             Way::Rows(table) => table.most(&self.horizon).map(Some),
-            Way::Anew(_) => Ok(None),
+            Way::Steps(_) | Way::Anew(_) => Ok(None),
         }
     }
 
@@ -496,6 +511,7 @@ impl RecedingHorizon {
         match &self.way {
             Way::Inputs(solver) => solver.warm(),
             Way::Rows(table) => table.signs(),
+            Way::Steps(recursion) => recursion.warm.last(),
             Way::Anew(warm) => warm.as_deref(),
         }
     }
@@ -509,6 +525,7 @@ impl RecedingHorizon {
         match &mut self.way {
             Way::Inputs(solver) => return solver.resume(warm),
             Way::Rows(table) => table.resume(warm.as_deref()),
+            Way::Steps(recursion) => return recursion.warm.resume(warm.as_deref()),
             Way::Anew(there) => *there = warm,
         }
         Ok(())

@@ -1,11 +1,10 @@
 //! What pivoting and the interior point ask of [`Riccati`].
 
-use super::{Riccati, WHAT, add_transposed};
+use super::{Riccati, add_transposed};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
 use crate::limits::kernel::{add_times, dot};
 use crate::limits::quadratic::{Quadratic, Until};
-use crate::memory::{try_copy, try_zeros};
 
 impl Quadratic for Riccati {
     fn size(&self) -> usize {
@@ -102,29 +101,37 @@ impl Quadratic for Riccati {
     }
 
     fn dual_norm(&mut self, held: &[i8], e: &[f64], until: Until<'_>) -> Result<f64> {
-        if !self.whole {
-            let zeros = try_zeros(WHAT, e.len())?;
-            self.whole = self.barrier(held, &zeros, until)?;
-        }
-        if !self.whole {
+        if !self.unlimited(held, until)? {
             return Ok(if e.iter().all(|e| *e == 0.0) { 0.0 } else { f64::INFINITY });
         }
-        let mut v = try_copy(WHAT, e)?;
+        let mut v = std::mem::take(&mut self.moves);
+        v.copy_from_slice(e);
         self.newton(&mut v);
-        Ok(e.iter().zip(&v).map(|(e, v)| e * v).sum::<f64>().abs())
+        let squared = e.iter().zip(&v).map(|(e, v)| e * v).sum::<f64>();
+        self.moves = v;
+        Ok(squared.abs())
     }
 
     /// The best control without limits, clipped step by step.
     fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], until: Until<'_>) -> Result<()> {
-        if !self.whole {
-            let zeros = try_zeros(WHAT, u.len())?;
-            self.whole = self.barrier(held, &zeros, until)?;
-        }
-        if self.whole {
+        if self.unlimited(held, until)? {
             let gains = std::mem::take(&mut self.other);
             self.roll(&gains, false, u, Some(bounds));
             self.other = gains;
         }
         Ok(())
+    }
+}
+
+impl Riccati {
+    /// The gains of all inputs with `held = 0`, if there are any to rounding.
+    fn unlimited(&mut self, held: &[i8], until: Until<'_>) -> Result<bool> {
+        if !self.whole {
+            let none = std::mem::take(&mut self.none);
+            let whole = self.barrier(held, &none, until);
+            self.none = none;
+            self.whole = whole?;
+        }
+        Ok(self.whole)
     }
 }

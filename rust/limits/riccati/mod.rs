@@ -9,14 +9,14 @@ pub(super) mod closed;
 mod faces;
 mod recursion;
 
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::limits::bounds::Bounds;
 use crate::limits::factor::product;
 use crate::limits::kernel::{add_lines, add_times, dot, padded};
 use crate::limits::quadratic::{Quadratic, Until};
 use crate::limits::search::Search;
-use crate::limits::solve::{Penalty, Solution, checked_rows, checked_warm, or_ended, told};
-use crate::memory::{checked_len, try_zeros};
+use crate::limits::solve::{Penalty, Solution, Warm, checked_rows, checked_warm, or_ended, tell};
+use crate::memory::{checked_len, try_filled, try_zeros};
 
 const WHAT: &str = "a control of many steps";
 const OVERFLOW: Error = Error::Overflow { what: "the state without inputs over all steps" };
@@ -41,7 +41,7 @@ pub struct Steps<'a> {
 }
 
 /// A matrix in padded lines.
-#[derive(Default, Clone)]
+#[derive(Debug, Default, Clone)]
 struct Lines {
     values: Vec<f64>,
     ld: usize,
@@ -76,7 +76,7 @@ fn add_transposed(a: &Lines, v: &[f64], sign: f64, out: &mut [f64]) {
 }
 
 /// The recursion for one face.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Gains {
     /// `P_1 .. P_K`, each `n` lines.
     p: Vec<f64>,
@@ -88,6 +88,7 @@ struct Gains {
     held: Vec<i8>,
 }
 
+#[derive(Debug)]
 pub(super) struct Riccati {
     n: usize,
     m: usize,
@@ -123,13 +124,17 @@ pub(super) struct Riccati {
     errors: Lines,
     work: [Vec<f64>; 5],
     squares: [Lines; 4],
+    /// Zeros, and inputs.
+    none: Vec<f64>,
+    moves: Vec<f64>,
 }
 
 impl Riccati {
     pub(super) fn new(h: &Steps<'_>) -> Result<Self> {
         let mut new = Self::growing(h)?;
         new.grows = false;
-        if new.zero.is_finite() && new.f.iter().all(|v| v.is_finite()) { Ok(new) } else { Err(OVERFLOW) }
+        new.finite()?;
+        Ok(new)
     }
 
     /// The same where `J(0)` may be as large as it likes.
@@ -153,9 +158,8 @@ impl Riccati {
             Penalty::Full(values).split(name, d)?;
         }
         let (ln, lm) = (padded(n).max(1), padded(m).max(1));
-        let mut x0 = try_zeros(WHAT, ln)?;
-        x0[..n].copy_from_slice(h.x0);
         let (state, input) = (|| try_zeros(WHAT, ln), || try_zeros(WHAT, lm));
+        let inputs = || try_zeros(WHAT, checked_len(WHAT, steps, m)?);
         let mut new = Self {
             n,
             m,
@@ -166,10 +170,10 @@ impl Riccati {
             b: Lines::new(h.b, n, m)?,
             q: [Lines::new(h.stage, n, n)?, Lines::new(h.terminal, n, n)?],
             r: Lines::new(h.r, m, m)?,
-            x0,
+            x0: state()?,
             reference: Lines::new(h.reference, steps, n)?,
             curvature: Vec::new(),
-            f: try_zeros(WHAT, checked_len(WHAT, steps, m)?)?,
+            f: inputs()?,
             zero: f64::INFINITY,
             references: 0.0,
             size: 0.0,
@@ -182,16 +186,42 @@ impl Riccati {
             errors: Lines::zeros(steps, n)?,
             work: [state()?, state()?, state()?, input()?, input()?],
             squares: [Lines::zeros(n, n)?, Lines::zeros(n, m)?, Lines::zeros(n, n)?, Lines::zeros(m, n)?],
+            none: inputs()?,
+            moves: inputs()?,
         };
-        for t in 0..steps {
-            new.work[0].fill(0.0);
-            add_times(&new.q[usize::from(t + 1 == steps)].values, new.reference.line(t), 1.0, &mut new.work[0][..n]);
-            new.references += dot(&new.work[0], new.reference.line(t));
-        }
-        let (mut g, u) = (try_zeros(WHAT, steps * m)?, try_zeros(WHAT, steps * m)?);
-        new.zero = new.slope(&u, &mut g);
-        new.f.iter_mut().zip(&g).for_each(|(f, g)| *f = 0.0 - g);
+        new.begin(h.x0);
         Ok(new)
+    }
+
+    /// From `x0`, and toward the references that are there.
+    fn begin(&mut self, x0: &[f64]) {
+        self.x0[..self.n].copy_from_slice(x0);
+        self.references = 0.0;
+        for t in 0..self.steps {
+            let (of, q) = (&mut self.work[0], &self.q[usize::from(t + 1 == self.steps)]);
+            of.fill(0.0);
+            add_times(&q.values, self.reference.line(t), 1.0, &mut of[..self.n]);
+            self.references += dot(of, self.reference.line(t));
+        }
+        let (none, mut g) = (std::mem::take(&mut self.none), std::mem::take(&mut self.moves));
+        self.zero = self.slope(&none, &mut g);
+        self.f.iter_mut().zip(&g).for_each(|(f, g)| *f = 0.0 - g);
+        (self.none, self.moves) = (none, g);
+    }
+
+    fn finite(&self) -> Result<()> {
+        if self.zero.is_finite() && self.f.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(OVERFLOW) }
+    }
+
+    fn gains(&self) -> Result<Gains> {
+        let (n, m, steps) = (self.n, self.m, self.steps);
+        Ok(Gains {
+            p: try_zeros(WHAT, checked_len(WHAT, steps * n, self.ln)?)?,
+            gain: try_zeros(WHAT, checked_len(WHAT, steps * m, self.ln)?)?,
+            lower: try_zeros(WHAT, checked_len(WHAT, steps * m, self.lm)?)?,
+            inverse: try_zeros(WHAT, steps * m)?,
+            held: try_filled(WHAT, 0, steps * m)?,
+        })
     }
 
     /// `diag(R + B' S B)` with `S_k = Q_k + A' S_{k+1} A`.
@@ -219,6 +249,70 @@ impl Riccati {
     }
 }
 
+/// Problems within limits of single inputs from one state after another, and what their searches need.
+#[derive(Debug)]
+pub(super) struct Recursion {
+    problem: Riccati,
+    search: Search,
+    g: Vec<f64>,
+    pub(super) warm: Warm,
+}
+
+impl Recursion {
+    /// With all memory that calls need.
+    pub(super) fn new(horizon: &Steps<'_>, until: Until<'_>) -> Result<Self> {
+        let mut problem = Riccati::new(horizon)?;
+        problem.prepare(until)?;
+        (problem.face, problem.other) = (problem.gains()?, problem.gains()?);
+        let d = problem.size();
+        let mut search = Search::new(d)?;
+        search.reserve()?;
+        Ok(Self { search, g: try_zeros(WHAT, d)?, warm: Warm::new(d)?, problem })
+    }
+
+    /// The best inputs from `x0` toward `reference` less `drift` (K, n), from the limits that the last call has reached, a step
+    /// later. After an error, all is as before. Nothing is allocated.
+    pub(super) fn solve(
+        &mut self,
+        x0: &[f64],
+        (reference, drift): (&[f64], &[f64]),
+        bounds: Bounds<'_>,
+        until: Until<'_>,
+        to: &mut Solution,
+    ) -> Result<()> {
+        let (n, m) = (self.problem.n, self.problem.m);
+        sized("x0", x0.len(), n)?;
+        require_finite("x0", x0)?;
+        for (t, (r, f)) in reference.chunks_exact(n).zip(drift.chunks_exact(n)).enumerate() {
+            self.problem.reference.line_mut(t).iter_mut().zip(r.iter().zip(f)).for_each(|(to, (r, f))| *to = r - f);
+        }
+        self.problem.begin(x0);
+        self.problem.finite()?;
+        self.problem.whole = false; // other inputs may be fixed
+        let Self { problem, search, g, warm } = self;
+        searched(problem, (search, g), bounds, warm.later(m), until, to)?;
+        warm.reached(&to.active);
+        Ok(())
+    }
+}
+
+fn searched(
+    problem: &mut Riccati,
+    (search, g): (&mut Search, &mut [f64]),
+    bounds: Bounds<'_>,
+    warm: Option<&[i8]>,
+    until: Until<'_>,
+    to: &mut Solution,
+) -> Result<()> {
+    let early = or_ended(search.run(problem, bounds, warm, until), until)?;
+    if !search.certificate.objective.is_finite() {
+        search.give_up(problem, bounds);
+    }
+    problem.slope(&search.u, g);
+    tell(search, bounds, (early, search.certificate), (problem.zero, problem.scale()), to);
+    Ok(())
+}
+
 /// The best inputs of a horizon within `bounds` (K m), step by step, from the limits that `warm` names.
 ///
 /// # Errors
@@ -233,13 +327,7 @@ pub fn horizon_control(
     let d = problem.size();
     checked_rows("low", bounds.low.len(), 1, d)?;
     checked_warm(warm, d)?;
-    let mut search = Search::new(d)?;
-    let early = or_ended(search.run(&mut problem, bounds, warm, until), until)?;
-    if !search.certificate.objective.is_finite() {
-        search.give_up(&mut problem, bounds);
-    }
-    let found = search.certificate;
-    let mut g = try_zeros(WHAT, d)?;
-    problem.slope(&search.u, &mut g);
-    told(&search, bounds, (early, found), (problem.zero, problem.scale()))
+    let (mut search, mut g, mut found) = (Search::new(d)?, try_zeros(WHAT, d)?, Solution::sized(d)?);
+    searched(&mut problem, (&mut search, &mut g), bounds, warm, until, &mut found)?;
+    Ok(found)
 }

@@ -1,13 +1,12 @@
 //! The recursion for one face, and its affine terms.
 
-use super::{Gains, Riccati, WHAT, add_transposed};
+use super::{Gains, Riccati, add_transposed};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
 use crate::limits::factor::product;
 use crate::limits::kernel::{Work, add_line, add_lines, add_times, axpy, kernel, solved, widest};
 use crate::limits::quadratic::Until;
 use crate::limits::tiles::factored;
-use crate::memory::{checked_len, try_filled, try_zeros};
 
 impl Riccati {
     /// The recursion with `held` inputs out, and `diagonal` added to `R`; false where some `G` is singular to rounding.
@@ -20,11 +19,7 @@ impl Riccati {
     ) -> Result<bool> {
         let (n, m, ln, lm, steps) = (self.n, self.m, self.ln, self.lm, self.steps);
         if gains.held.len() != held.len() {
-            gains.p = try_zeros(WHAT, checked_len(WHAT, steps * n, ln)?)?;
-            gains.gain = try_zeros(WHAT, checked_len(WHAT, steps * m, ln)?)?;
-            gains.lower = try_zeros(WHAT, checked_len(WHAT, steps * m, lm)?)?;
-            gains.inverse = try_zeros(WHAT, steps * m)?;
-            gains.held = try_filled(WHAT, 0, held.len())?;
+            *gains = self.gains()?;
         }
         gains.held.copy_from_slice(held);
         for t in (0..steps).rev() {

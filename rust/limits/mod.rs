@@ -40,6 +40,6 @@ pub use quadratic::{Method, Status, Until};
 pub use riccati::closed::{Followed, followed_control};
 pub use riccati::{Steps, horizon_control};
 pub use rows::{Rows, RowsSolution, rows_control};
-pub use set_points::{Policy, SetPoint, SetPointTask, SetPoints, Spread};
+pub use set_points::{Moved, Policy, SetPoint, SetPointTask, SetPoints, Spread};
 pub use solve::{Most, Penalty, Solution, box_control};
 pub use solver::Solver;

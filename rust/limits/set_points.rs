@@ -636,38 +636,62 @@ impl SetPoints {
         Ok(Some((moved + own - other, own + other)))
     }
 
+    /// Memory for [`Self::moving`].
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn moved(&self) -> Result<Moved> {
+        let ((p, m), zeros) = (self.sizes(), |len| try_zeros(WHAT, len));
+        Ok(Moved { x: zeros(self.window.states())?, place: zeros(p + m)?, slopes: zeros(p + m)?, bias: zeros(p)? })
+    }
+
     /// The state of the window and the input while the target is `step` away and moves by `slope` a step (p, 0 where free), given
-    /// inputs are `given` away (m), and a constant e acts: exact for the model on constants and ramps.
+    /// inputs are `given` away (m), and a constant e acts: exact for the model on constants and ramps. Nothing is allocated.
     ///
     /// `(y, u) = T_e (c + e + H Z s - y') + T_r r`, `x = X (y, u) + Z_x s` with `s = (y', u') = T_r r'`.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::Memory`].
+    /// [`Error::Shape`].
     pub fn moving(
         &self,
         point: &SetPoint,
         bias: &[f64],
         [step, slope]: [&[f64]; 2],
         given: &[f64],
-    ) -> Result<(Vec<f64>, Vec<f64>)> {
+        to: &mut Moved,
+    ) -> Result<()> {
         let ((p, m), k) = (self.sizes(), self.unit.len());
         let sizes = [point.place.len() == k, bias.len() == p, step.len() == p, slope.len() == p, given.len() == m];
-        if sizes.contains(&false) {
+        if sizes.contains(&false) || to.place.len() != k || to.x.len() != self.window.states() {
             let (expected, found) = (format!("{p} outputs"), bias.len().to_string());
             return Err(Error::Shape { name: "target", expected, found });
         }
+        let Moved { x, place, slopes, bias: all } = to;
         let of = |rows: &[f64], i: usize, by: &[f64]| (0..p).map(|j| rows[i * p + j] * by[j]).sum::<f64>();
-        let moved = try_collect(WHAT, (0..k).map(|i| of(&point.of_target, i, slope)))?;
-        let ahead = |i: usize| (0..k).map(|j| self.ahead[(i, j)] * moved[j]).sum::<f64>() - moved[i];
-        let bias = try_collect(WHAT, (0..p).map(|i| bias[i] + ahead(i)))?;
-        let apart = |i: usize| (0..m).map(|j| point.of_given[i * m + j] * given[j]).sum::<f64>();
-        let place = |i: usize| point.place[i] + of(&point.of_bias, i, &bias) + of(&point.of_target, i, step) + apart(i);
-        let place = try_collect(WHAT, (0..k).map(place))?;
-        let state =
-            |i: usize| (0..k).map(|j| self.states[(i, j)] * place[j] + self.ramp[(i, j)] * moved[j]).sum::<f64>();
-        let x = try_collect(WHAT, (0..self.window.states()).map(state))?;
-        Ok((x, try_collect(WHAT, place[p..].iter().copied())?))
+        slopes.iter_mut().enumerate().for_each(|(i, to)| *to = of(&point.of_target, i, slope));
+        for (i, to) in all.iter_mut().enumerate() {
+            *to = bias[i] + ((0..k).map(|j| self.ahead[(i, j)] * slopes[j]).sum::<f64>() - slopes[i]);
+        }
+        for (i, to) in place.iter_mut().enumerate() {
+            let apart = (0..m).map(|j| point.of_given[i * m + j] * given[j]).sum::<f64>();
+            *to = point.place[i] + of(&point.of_bias, i, all) + of(&point.of_target, i, step) + apart;
+        }
+        for (i, to) in x.iter_mut().enumerate() {
+            *to = (0..k).map(|j| self.states[(i, j)] * place[j] + self.ramp[(i, j)] * slopes[j]).sum();
+        }
+        Ok(())
     }
+}
+
+/// What [`SetPoints::moving`] has found, and its memory.
+#[derive(Debug)]
+pub struct Moved {
+    /// The state of the window (n).
+    pub x: Vec<f64>,
+    /// Outputs and inputs (p + m).
+    pub place: Vec<f64>,
+    slopes: Vec<f64>,
+    bias: Vec<f64>,
 }
 
 /// A gain K (m, n), what is added to its input, and the limits of that: of the change in one step, low and high (m).
@@ -686,25 +710,26 @@ pub struct Policy<'a> {
 }
 
 impl Policy<'_> {
-    /// `us + K (x - xs) + more`, at most `rate` from `acted`, within the limits; None where it overflows.
+    /// `u = us + K (x - xs) + more`, at most `rate` from `acted`, within the limits; false where it overflows. Nothing is allocated.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::Memory`].
-    pub fn input(&self, x: &[f64], (xs, us): (&[f64], &[f64]), acted: &[f64]) -> Result<Option<Vec<f64>>> {
+    /// [`Error::Shape`].
+    pub fn input(&self, x: &[f64], (xs, us): (&[f64], &[f64]), acted: &[f64], u: &mut [f64]) -> Result<bool> {
         let (n, m) = (xs.len(), us.len());
-        let sizes = [self.more, self.rate, self.low, self.high, acted].map(<[f64]>::len);
-        if x.len() != n || self.gain.len() != m * n || sizes != [m; 5] {
+        let sizes = [self.more, self.rate, self.low, self.high, acted, u].map(<[f64]>::len);
+        if x.len() != n || self.gain.len() != m * n || sizes != [m; 6] {
             return Err(Error::Shape { name: "x", expected: format!("{n} states"), found: x.len().to_string() });
         }
-        let law = |i: usize| (0..n).map(|j| self.gain[i * n + j] * (x[j] - xs[j])).sum::<f64>() + us[i] + self.more[i];
-        let mut u = try_collect(WHAT, (0..m).map(law))?;
+        for (i, u) in u.iter_mut().enumerate() {
+            *u = (0..n).map(|j| self.gain[i * n + j] * (x[j] - xs[j])).sum::<f64>() + us[i] + self.more[i];
+        }
         if !u.iter().all(|v| v.is_finite()) {
-            return Ok(None);
+            return Ok(false);
         }
         for (i, u) in u.iter_mut().enumerate() {
             *u = u.max(acted[i] - self.rate[i]).min(acted[i] + self.rate[i]).max(self.low[i]).min(self.high[i]);
         }
-        Ok(Some(u))
+        Ok(true)
     }
 }
 
@@ -744,8 +769,9 @@ mod tests {
         assert_eq!(held.exact, [false, true]);
         let cut = points.at(&SetPointTask { high: &[0.5], ..free }).unwrap();
         assert_eq!((cut.at_limit.as_slice(), cut.place[2]), ([0].as_slice(), 0.5));
-        let (x, u) = points.moving(&held, &[0.0; 2], [&[0.0; 2], &[0.0, 0.01]], &[0.0]).unwrap();
-        close(&[x[0], x[1], u[0]], &[2.354693877551, 2.0, 2.071836734694], 1e-11);
+        let mut moved = points.moved().unwrap();
+        points.moving(&held, &[0.0; 2], [&[0.0; 2], &[0.0, 0.01]], &[0.0], &mut moved).unwrap();
+        close(&[moved.x[0], moved.x[1], moved.place[2]], &[2.354693877551, 2.0, 2.071836734694], 1e-11);
         assert!(points.at(&SetPointTask { target: &[1.0], ..free }).is_err());
     }
 

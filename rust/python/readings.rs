@@ -125,7 +125,7 @@ impl PyReadings {
         let (y, acted, bias) = (slice("y", &y)?, slice("applied", &acted)?, slice("bias", &bias)?);
         let seen = try_collect(WHAT, y.iter().zip(&self.most).map(|(y, most)| y.abs() <= *most))?;
         let (found, x) = self.inner.with(py, self.cost, |inner, _| {
-            let found = inner.step(y, &seen, acted, bias, started)?;
+            let found = inner.step(y, &seen, acted, bias, started)?.clone();
             Ok((found, try_copy(WHAT, inner.window().map_or(&[], |now| &now.x))?))
         })?;
         let follows = match (found.lost, found.runs) {
@@ -133,7 +133,8 @@ impl PyReadings {
             (_, false) => "waits",
             (_, true) => "runs",
         };
-        let predicted = found.predicted.map(|predicted| array1(py, predicted)).transpose()?;
+        let predicted = Some(found.predicted).filter(|predicted| !predicted.is_empty());
+        let predicted = predicted.map(|predicted| array1(py, predicted)).transpose()?;
         let whole = !seen.contains(&false);
         Ok((predicted, array1(py, found.bias)?, found.off, found.believed, follows, array1(py, x)?, whole))
     }
@@ -154,10 +155,8 @@ impl PyReadings {
     #[getter]
     fn now<'py>(&self, py: Python<'py>) -> PyResult<Option<Now<'py>>> {
         let now = self.inner.with(py, 0.0, |inner, _| Ok(inner.window().cloned()))?;
-        let handed = |now: Contents| {
-            let known = now.covariance.is_none();
-            Ok((array1(py, now.x)?, known, now.excess, now.since, now.calls, now.read, now.stuck))
-        };
+        let handed =
+            |now: Contents| Ok((array1(py, now.x)?, now.known, now.excess, now.since, now.calls, now.read, now.stuck));
         now.map(handed).transpose()
     }
 

@@ -10,7 +10,7 @@ use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
 use crate::limits::{Policy, SetPoint, SetPointTask, SetPoints};
-use crate::memory::try_copy;
+use crate::memory::{try_copy, try_zeros};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -132,8 +132,10 @@ getters! {
         given: Vector<'_>,
     ) -> PyResult<(Row<'py>, Row<'py>)> {
         let moves = [slice("step", &step)?, slice("slope", &slope)?];
-        let (x, u) = self.points.moving(&self.point, slice("bias", &bias)?, moves, slice("given", &given)?)?;
-        Ok((array1(py, x)?, array1(py, u)?))
+        let mut to = self.points.moved()?;
+        self.points.moving(&self.point, slice("bias", &bias)?, moves, slice("given", &given)?, &mut to)?;
+        let inputs = try_copy(WHAT, &to.place[self.points.sizes().0..])?;
+        Ok((array1(py, to.x)?, array1(py, inputs)?))
     }
 
     /// The input of a `law`, of its gain, what is added, rate, low and high, about the point as it moves; None: it overflows.
@@ -148,7 +150,8 @@ getters! {
     ) -> PyResult<Option<Row<'py>>> {
         let ((step, slope, given), (gain, more, rate, low, high)) = (moves, law);
         let moves = [slice("step", &step)?, slice("slope", &slope)?];
-        let (xs, us) = self.points.moving(&self.point, slice("bias", &bias)?, moves, slice("given", &given)?)?;
+        let (mut to, (p, m)) = (self.points.moved()?, self.points.sizes());
+        self.points.moving(&self.point, slice("bias", &bias)?, moves, slice("given", &given)?, &mut to)?;
         let law = Policy {
             gain: slice("gain", &gain)?,
             more: slice("more", &more)?,
@@ -156,6 +159,8 @@ getters! {
             low: slice("low", &low)?,
             high: slice("high", &high)?,
         };
-        law.input(slice("x", &x)?, (&xs, &us), slice("acted", &acted)?)?.map(|u| array1(py, u)).transpose()
+        let mut u = try_zeros(WHAT, m)?;
+        let finite = law.input(slice("x", &x)?, (&to.x, &to.place[p..]), slice("acted", &acted)?, &mut u)?;
+        finite.then(|| array1(py, u)).transpose()
     }
 }

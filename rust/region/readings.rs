@@ -2,14 +2,17 @@
 
 use std::sync::Arc;
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
-use faer::{Mat, MatRef, Side};
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::DenseSolveCore;
+use faer::{Accum, Mat, MatRef, Par, Side};
 
 use crate::error::{Error, Result, require_finite, sized};
 use crate::identify::chi2_upper;
-use crate::memory::{covered, room_for_products, try_collect, try_collect_all, try_copy, try_extend};
+use crate::memory::{
+    covered, room_for_products, try_collect, try_collect_all, try_copy, try_filled, try_room, try_zeros,
+};
 use crate::vector::dot;
-use crate::window::{Contents, Filter};
+use crate::window::{Contents, Filter, Workspace};
 
 use super::{Part, Region};
 
@@ -51,29 +54,54 @@ pub struct Gate {
     usual: White,
 }
 
-/// `T` and `||T D||` of each part.
+/// `T` and `||T D||` of each part, of some readings, with memory to compute them.
 #[derive(Debug, Clone)]
-struct White(Mat<f64>, Vec<f64>);
+struct White {
+    back: Mat<f64>,
+    sizes: Vec<f64>,
+    seen: Vec<usize>,
+    root: Mat<f64>,
+    half: Mat<f64>,
+    small: Workspace,
+}
 
 impl White {
-    /// None where the covariance is not positive definite.
-    fn new<'a>(noise: &Mat<f64>, shapes: impl Iterator<Item = &'a Mat<f64>>, seen: &[usize]) -> Option<Self> {
+    fn new(p: usize, parts: usize) -> Result<Self> {
+        covered(WHAT, 256 * (p as u128 + 16).pow(2), || {
+            let [back, root, half] = [(); 3].map(|()| Mat::zeros(p, p));
+            let (small, seen) = (Workspace::new(p, p)?, try_collect(WHAT, 0..p)?);
+            Ok(Self { back, sizes: try_zeros(WHAT, parts)?, seen, root, half, small })
+        })?
+    }
+
+    /// Those of the readings `seen`; false where the covariance is not positive definite.
+    fn set(&mut self, noise: &Mat<f64>, more: Option<&Mat<f64>>, shapes: &[Mat<f64>]) -> bool {
+        let Self { back, sizes, seen, root, half, small } = self;
         let p = seen.len();
-        let some = |of: &Mat<f64>| Mat::from_fn(p, p, |i, j| of[(seen[i], seen[j])]);
-        let root = some(noise).llt(Side::Lower).ok()?;
-        let mut back = Mat::<f64>::identity(p, p);
+        let [mut root, mut half] = [root, half].map(|of| of.submatrix_mut(0, 0, p, p));
+        let all = || (0..p).flat_map(|i| (0..p).map(move |j| (i, j)));
+        for (i, j) in all() {
+            let at = (seen[i], seen[j]);
+            root[(i, j)] = noise[at] + more.map_or(0.0, |more| more[at]);
+        }
+        if !small.factored(root.as_mut()) {
+            return false;
+        }
         for j in 0..p {
-            for i in j..p {
-                let done = (j..i).map(|q| root.L()[(i, q)] * back[(q, j)]).sum::<f64>();
-                back[(i, j)] = (back[(i, j)] - done) / root.L()[(i, i)];
+            for i in 0..p {
+                let done = (j..i).map(|q| root[(i, q)] * back[(q, j)]).sum::<f64>();
+                back[(i, j)] = if i < j { 0.0 } else { (f64::from(u8::from(i == j)) - done) / root[(i, i)] };
             }
         }
-        let mut sizes = Vec::new();
-        for shape in shapes {
-            let values = (&back * some(shape) * back.transpose()).self_adjoint_eigenvalues(Side::Lower).ok()?;
-            sizes.push(values.last().copied().unwrap_or(0.0).max(0.0).sqrt());
+        let back = back.submatrix(0, 0, p, p);
+        for (size, shape) in sizes.iter_mut().zip(shapes) {
+            all().for_each(|(i, j)| root[(i, j)] = shape[(seen[i], seen[j])]);
+            matmul(half.as_mut(), Accum::Replace, back, root.as_ref(), 1.0, Par::Seq);
+            matmul(root.as_mut(), Accum::Replace, half.as_ref(), back.transpose(), 1.0, Par::Seq);
+            let Some(largest) = small.largest(root.as_ref()) else { return false };
+            *size = largest.max(0.0).sqrt();
         }
-        Some(Self(back, sizes))
+        true
     }
 }
 
@@ -88,9 +116,9 @@ impl Gate {
         let Some(noise) = known.filter(|_| region.radius().is_finite()) else { return Ok(None) };
         let quantile = |count| if count == 0 { Ok(0.0) } else { Ok(chi2_upper(false_alarm, count as f64)?.sqrt()) };
         let quantiles = try_collect_all(WHAT, (0..=p).map(quantile))?;
-        let all = try_collect(WHAT, 0..p)?;
         let (centre, parts) = (try_copy(WHAT, region.centre())?, try_collect(WHAT, region.parts().iter().cloned())?);
         room_for_products()?;
+        let mut usual = White::new(p, parts.len())?;
         covered(WHAT, 256 * (p as u128 + 16).pow(2) * (region.parts().len() as u128 + 4), || {
             let shape = |part: &Arc<Part>| {
                 let (of, mut shape) = (part.of(), Mat::zeros(p, p));
@@ -101,32 +129,33 @@ impl Gate {
             };
             let shapes = try_collect(WHAT, parts.iter().map(shape))?;
             let noise = MatRef::from_row_major_slice(noise, p, p).to_owned();
-            let usual = White::new(&noise, shapes.iter(), &all);
-            Ok(usual.map(|usual| Self { centre, parts, shapes, noise, quantiles, usual }))
+            let sound = usual.set(&noise, None, &shapes);
+            Ok(sound.then_some(Self { centre, parts, shapes, noise, quantiles, usual }))
         })?
     }
 
     /// `(||T off|| - ||T D|| ||W z||) / q` of the components `seen`; above 1 it rejects. Of the system of the model alone: `||T
     /// off|| / q`.
-    fn excess(&self, off: &[f64], z: &[f64], seen: &[bool], more: Option<&Mat<f64>>, alone: bool) -> Result<f64> {
-        let places = try_collect(WHAT, (0..off.len()).filter(|i| seen[*i]))?;
-        let mut other = None;
-        if more.is_some() || places.len() < off.len() {
-            room_for_products()?;
-            other = covered(WHAT, 256 * (off.len() as u128 + 16).pow(2) * (self.parts.len() as u128 + 4), || {
-                let noise = more.map_or_else(|| self.noise.clone(), |more| &self.noise + more);
-                White::new(&noise, self.shapes.iter(), &places)
-            })?;
-            if other.is_none() {
-                return Ok(0.0); // the covariance of what is not known overflows
-            }
+    fn excess(
+        &self,
+        off: &[f64],
+        z: &[f64],
+        seen: &[bool],
+        (more, alone): (Option<&Mat<f64>>, bool),
+        white: &mut White,
+    ) -> f64 {
+        white.seen.clear();
+        white.seen.extend((0..off.len()).filter(|i| seen[*i]));
+        let usual = more.is_none() && white.seen.len() == off.len();
+        if !usual && !white.set(&self.noise, more, &self.shapes) {
+            return 0.0; // the covariance of what is not known overflows
         }
-        let White(t, sizes) = other.as_ref().unwrap_or(&self.usual);
-        let along = |i: usize| (0..=i).map(|j| t[(i, j)] * off[places[j]]).sum::<f64>();
-        let far = (0..places.len()).map(|i| along(i).powi(2)).sum::<f64>().sqrt();
+        let White { back, sizes, seen, .. } = if usual { &self.usual } else { white };
+        let along = |i: usize| (0..=i).map(|j| back[(i, j)] * off[seen[j]]).sum::<f64>();
+        let far = (0..seen.len()).map(|i| along(i).powi(2)).sum::<f64>().sqrt();
         let room = self.parts.iter().zip(sizes).map(|(part, size)| size * part.length(z));
         let room = if alone { 0.0 } else { room.sum::<f64>() };
-        Ok((far - room) / self.quantiles[places.len()])
+        (far - room) / self.quantiles[seen.len()]
     }
 
     /// The excess of readings off by `off` behind a known window.
@@ -139,7 +168,8 @@ impl Gate {
             let (expected, found) = (format!("{p} entries, and {d} of z"), off.len().to_string());
             return Err(Error::Shape { name: "off", expected, found });
         }
-        self.excess(off, z, seen, None, false)
+        room_for_products()?;
+        Ok(self.excess(off, z, seen, (None, false), &mut White::new(p, self.parts.len())?))
     }
 }
 
@@ -204,10 +234,10 @@ impl Bias {
 }
 
 /// What a step found.
-#[derive(Debug)]
+#[derive(Debug, Clone, Default)]
 pub struct Step {
-    /// What was predicted a step before; None at the first one.
-    pub predicted: Option<Vec<f64>>,
+    /// What was predicted a step before; empty at the first one.
+    pub predicted: Vec<f64>,
     /// The bias of the equation.
     pub bias: Vec<f64>,
     /// How far off the readings are, in widths of the gate: above 1 they were rejected.
@@ -229,15 +259,48 @@ pub struct Readings {
     of: Bias,
     aim: Aim,
     max_missing: usize,
-    now: Option<Contents>,
-    /// With all that was rejected, and with all but the first of it, which was then false.
-    others: [Option<Contents>; 2],
+    /// The window, that with all that was rejected, and that with all but the first of it, which was then false.
+    windows: [Contents; 3],
     doubt: Doubt,
+    step: Step,
+    room: Room,
+}
+
+const NOW: usize = 0;
+const RAW: usize = 1;
+const LATE: usize = 2;
+
+/// Memory of a step, so that none asks for any.
+#[derive(Debug)]
+struct Room {
+    white: White,
+    seen: Vec<bool>,
+    none: Vec<bool>,
+    z: Vec<f64>,
+    predicted: Vec<f64>,
+    off: Vec<f64>,
+    /// Of a bias that is capped: as it was asked for, the inputs at their limits, what is lacking there, and what moves it.
+    asked: Vec<f64>,
+    held: Vec<(usize, f64)>,
+    lacking: Mat<f64>,
+    square: Mat<f64>,
+}
+
+impl Room {
+    fn new(filter: &Filter, parts: usize) -> Result<Self> {
+        let (p, m) = (filter.window.outputs(), filter.window.inputs());
+        let (signs, zeros) = (|| try_filled(WHAT, false, p), |len: usize| try_zeros(WHAT, len));
+        let (white, seen, none, z) = (White::new(p, parts)?, signs()?, signs()?, zeros(filter.window.length())?);
+        let (predicted, off, asked, held) = (zeros(p)?, zeros(p)?, zeros(p)?, try_room(WHAT, m)?);
+        let of = || (Mat::zeros(p, 1), Mat::zeros(p, p));
+        let (lacking, square) = covered(WHAT, 256 * (p as u128 + 16).pow(2), of)?;
+        Ok(Self { white, seen, none, z, predicted, off, asked, held, lacking, square })
+    }
 }
 
 /// Whether what is rejected is a change of the plant: a constant force can bring every second or third reading back to what is
 /// predicted, so that none of the others come in a row, but they are off by the same.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug)]
 struct Doubt {
     /// Rejected in a row.
     row: f64,
@@ -248,6 +311,17 @@ struct Doubt {
 }
 
 impl Doubt {
+    fn new(row: f64, alike: f64, off: &[f64], p: usize) -> Result<Self> {
+        let mut room = try_room(WHAT, p)?;
+        room.extend_from_slice(off);
+        Ok(Self { row, alike, off: room })
+    }
+
+    fn clear(&mut self) {
+        (self.row, self.alike) = (0.0, 0.0);
+        self.off.clear();
+    }
+
     const fn of_change(&self) -> bool {
         self.row >= BELIEVED || self.alike >= FORGOTTEN * BELIEVED
     }
@@ -257,19 +331,15 @@ impl Doubt {
     }
 
     /// Off by the same: within half of the larger one.
-    fn reject(&mut self, off: Vec<f64>) {
+    fn reject(&mut self, off: &[f64]) {
         let size = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>();
-        let apart = self.off.iter().zip(&off).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-        let same = self.off.len() == off.len() && 4.0 * apart <= size(&self.off).max(size(&off));
+        let apart = self.off.iter().zip(off).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        let same = self.off.len() == off.len() && 4.0 * apart <= size(&self.off).max(size(off));
         let before = if same { self.alike } else { 0.0 };
         (self.row, self.alike) = (self.row + 1.0, (before + FORGOTTEN).min(2.0 * FORGOTTEN * BELIEVED));
-        self.off = off;
+        self.off.clear();
+        self.off.extend_from_slice(off);
     }
-}
-
-/// `M v`, row by row.
-fn product(rows: &[f64], v: &[f64]) -> Result<Vec<f64>> {
-    try_collect(WHAT, rows.chunks_exact(v.len()).map(|row| dot(row, v)))
 }
 
 impl Readings {
@@ -292,8 +362,11 @@ impl Readings {
         }
         let theta = try_copy(WHAT, theta)?;
         let none = Aim { of_bias: Vec::new(), limits: [const { Vec::new() }; 3] };
-        let (others, doubt) = ([None, None], Doubt::default());
-        let mut made = Self { filter, theta, gate, of, aim: none, max_missing, now: None, others, doubt };
+        let windows = [filter.empty()?, filter.empty()?, filter.empty()?];
+        let room = Room::new(&filter, gate.as_ref().map_or(0, |gate| gate.parts.len()))?;
+        let (bias, predicted) = (try_zeros(WHAT, p)?, try_room(WHAT, p)?);
+        let (step, doubt) = (Step { bias, predicted, ..Step::default() }, Doubt::new(0.0, 0.0, &[], p)?);
+        let mut made = Self { filter, theta, gate, of, aim: none, max_missing, windows, doubt, step, room };
         made.aim(aim)?;
         Ok(made)
     }
@@ -315,63 +388,70 @@ impl Readings {
     /// The bias nearest to this one, in the metric of the noise, that inputs within the limits hold the set point with:
     /// `e + Sigma T'(T Sigma T')^-1 (limit - us - T e)` over the rows T of `T_e` of the inputs that are beyond. Where that is more
     /// than can be met, as of two inputs for one output, the largest share of it that all limits allow.
-    fn capped(&self, bias: &mut [f64]) -> Result<()> {
-        let ([us, low, high], p) = (&self.aim.limits, bias.len());
-        let (mut asked, mut held) = (Vec::new(), Vec::<(usize, f64)>::new());
+    fn capped(&mut self) {
+        let Room { white: White { small, .. }, asked, held, lacking, square, .. } = &mut self.room;
+        let (aim, bias) = (&self.aim, &mut self.step.bias);
+        let ([us, low, high], p) = (&aim.limits, bias.len());
+        let of_input = |i: usize| &aim.of_bias[i * p..(i + 1) * p];
+        let across = |j: usize, i: usize| dot(&self.of.noise[j * p..(j + 1) * p], of_input(i));
+        // what is wanted of an input, and as far as its limits allow
+        let allowed = |bias: &[f64], i: usize| {
+            let wanted = dot(of_input(i), bias);
+            let there = (us[i] + wanted).clamp(low[i], high[i]) - us[i];
+            let beyond = (wanted - there).abs() > CAPPED * wanted.abs().max(us[i].abs());
+            (wanted, there, beyond)
+        };
+        held.clear();
         for _ in 0..us.len() {
-            let wanted = product(&self.aim.of_bias, bias)?;
-            let over = |i: usize| us[i] + wanted[i] - (us[i] + wanted[i]).clamp(low[i], high[i]);
-            let beyond = |i: usize| over(i).abs() > CAPPED * wanted[i].abs().max(us[i].abs());
-            let new = (0..us.len()).filter(|i| beyond(*i) && held.iter().all(|(at, _)| at != i));
-            let new = try_collect(WHAT, new.map(|i| (i, (us[i] + wanted[i]).clamp(low[i], high[i]) - us[i])))?;
-            if new.is_empty() {
-                break;
-            }
-            if held.is_empty() {
-                asked = try_copy(WHAT, bias)?;
-            }
-            try_extend(WHAT, &mut held, new)?;
-            if held.len() > p {
-                break;
-            }
-            room_for_products()?;
-            covered(WHAT, 512 * (p as u128 + held.len() as u128 + 16).pow(2), || {
-                let rows = Mat::from_fn(held.len(), p, |i, j| self.aim.of_bias[held[i].0 * p + j]);
-                let across = MatRef::from_row_major_slice(&self.of.noise, p, p) * rows.transpose();
-                let e = Mat::from_fn(p, 1, |i, _| bias[i]);
-                let lacking = Mat::from_fn(held.len(), 1, |i, _| held[i].1) - &rows * e;
-                let by = &across * (&rows * &across).partial_piv_lu().solve(lacking);
-                if (0..p).all(|i| by[(i, 0)].is_finite()) {
-                    bias.iter_mut().enumerate().for_each(|(i, e)| *e += by[(i, 0)]);
+            let before = held.len();
+            for i in 0..us.len() {
+                let (_, there, beyond) = allowed(bias, i);
+                if beyond && held[..before].iter().all(|(at, _)| *at != i) {
+                    held.push((i, there));
                 }
-            })?;
+            }
+            if before == 0 {
+                asked.copy_from_slice(bias);
+            }
+            let count = held.len();
+            if count == before || count > p {
+                break;
+            }
+            let (mut square, mut lacking) = (square.submatrix_mut(0, 0, count, count), lacking.subrows_mut(0, count));
+            for (i, (at, there)) in held.iter().enumerate() {
+                for (j, (other, _)) in held.iter().enumerate() {
+                    square[(i, j)] = of_input(*at).iter().enumerate().map(|(q, t)| t * across(q, *other)).sum();
+                }
+                lacking[(i, 0)] = there - dot(of_input(*at), bias);
+            }
+            small.solve(square, lacking.as_mut());
+            let by =
+                |j: usize| held.iter().enumerate().map(|(i, (at, _))| across(j, *at) * lacking[(i, 0)]).sum::<f64>();
+            if (0..p).all(|i| by(i).is_finite()) {
+                bias.iter_mut().enumerate().for_each(|(i, e)| *e += by(i));
+            }
         }
         if held.is_empty() {
-            return Ok(());
+            return;
         }
-        let share = |bias: &[f64]| -> Result<f64> {
-            let wanted = product(&self.aim.of_bias, bias)?;
-            let allowed = (0..us.len()).map(|i| {
-                let there = (us[i] + wanted[i]).clamp(low[i], high[i]) - us[i];
-                if (wanted[i] - there).abs() > CAPPED * wanted[i].abs().max(us[i].abs()) {
-                    there / wanted[i]
-                } else {
-                    1.0
-                }
-            });
-            Ok(allowed.fold(1.0, f64::min).max(0.0))
+        let share = |bias: &[f64]| {
+            let each = (0..us.len()).map(|i| allowed(bias, i));
+            each.map(|(wanted, there, beyond)| if beyond { there / wanted } else { 1.0 }).fold(1.0, f64::min).max(0.0)
         };
-        if share(bias)? < 1.0 {
-            let part = share(&asked)?;
-            bias.iter_mut().zip(&asked).for_each(|(e, asked)| *e = part * asked);
+        if share(bias) < 1.0 {
+            let part = share(asked);
+            bias.iter_mut().zip(&*asked).for_each(|(e, asked)| *e = part * asked);
         }
-        Ok(())
     }
 
     /// The window, if it has begun.
     #[must_use]
-    pub const fn window(&self) -> Option<&Contents> {
-        self.now.as_ref()
+    pub fn window(&self) -> Option<&Contents> {
+        self.state_of(NOW)
+    }
+
+    fn state_of(&self, k: usize) -> Option<&Contents> {
+        Some(&self.windows[k]).filter(|window| window.began())
     }
 
     /// The window, those with all that was rejected and with all but the first, and the doubt of the window: how many were
@@ -382,7 +462,7 @@ impl Readings {
     pub fn state(&self) -> Result<([Option<&Contents>; 3], Vec<f64>)> {
         let Doubt { row, alike, off } = &self.doubt;
         let doubt = try_collect(WHAT, [*row, *alike].into_iter().chain(off.iter().copied()))?;
-        Ok(([self.now.as_ref(), self.others[0].as_ref(), self.others[1].as_ref()], doubt))
+        Ok(([NOW, RAW, LATE].map(|k| self.state_of(k)), doubt))
     }
 
     /// Go on from there, with the numbers of the windows, and the doubt.
@@ -390,19 +470,19 @@ impl Readings {
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
     pub fn restore(&mut self, [now, raw, late]: [Option<&[f64]>; 3], doubt: &[f64]) -> Result<()> {
-        let contents = |of: Option<&[f64]>| of.map(|numbers| self.filter.restored(numbers)).transpose();
+        let contents = |of: Option<&[f64]>| of.map_or_else(|| self.filter.empty(), |of| self.filter.restored(of));
         let p = self.filter.window.outputs();
         let doubt = match doubt {
-            [] => Doubt::default(),
+            [] => Doubt::new(0.0, 0.0, &[], p)?,
             [row, alike, off @ ..] if [0, p].contains(&off.len()) && doubt.iter().all(|v| v.is_finite()) => {
-                Doubt { row: *row, alike: *alike, off: try_copy(WHAT, off)? }
+                Doubt::new(*row, *alike, off, p)?
             }
             _ => {
                 let (expected, found) = (format!("2 or {} numbers", p + 2), doubt.len().to_string());
                 return Err(Error::Shape { name: "doubt", expected, found });
             }
         };
-        (self.now, self.others, self.doubt) = (contents(now)?, [contents(raw)?, contents(late)?], doubt);
+        (self.windows, self.doubt) = ([contents(now)?, contents(raw)?, contents(late)?], doubt);
         Ok(())
     }
 
@@ -411,34 +491,65 @@ impl Readings {
     /// # Errors
     /// [`Error::Memory`].
     pub fn start(&mut self, x: &[f64]) -> Result<()> {
-        (self.now, self.others, self.doubt) = (Some(self.filter.full(x)?), [None, None], Doubt::default());
+        self.windows[NOW] = self.filter.full(x)?;
+        self.certain();
         Ok(())
     }
 
+    /// Without doubt of the window.
+    fn certain(&mut self) {
+        (self.windows[RAW].calls, self.windows[LATE].calls) = (0, 0);
+        self.doubt.clear();
+    }
+
     /// How far off a reading is, in widths of the gate, with the bias or without it; of the system of the model `alone`, or of all.
-    fn off(&self, y: &[f64], now: &Contents, z: &[f64], shift: &[f64], seen: &[bool], alone: bool) -> Result<f64> {
-        let Some(gate) = self.gate.as_ref().filter(|_| seen.contains(&true)) else { return Ok(0.0) };
-        let mut off = product(&gate.centre, z)?;
-        off.iter_mut().zip(y).for_each(|(off, y)| *off = y - *off);
-        let more = self.filter.unknown(now);
-        let found = gate.excess(&off, z, seen, more.as_ref(), alone)?;
+    fn off(&mut self, k: usize, y: &[f64], shift: &[f64], alone: bool) -> f64 {
+        let Self { filter, gate, of, windows, room: Room { white, seen, z, off, .. }, .. } = self;
+        let Some(gate) = gate.as_ref().filter(|_| seen.contains(&true)) else { return 0.0 };
+        for ((off, y), row) in off.iter_mut().zip(y).zip(gate.centre.chunks_exact(z.len())) {
+            *off = y - dot(row, z);
+        }
+        let more = filter.unknown(&windows[k]);
+        let found = gate.excess(off, z, seen, (Some(&*more).filter(|_| !windows[k].known), alone), white);
         // one that was capped to 0 is rounding
         let shifted = |(v, variance): (&f64, &f64)| v.abs() > CAPPED * variance.sqrt();
-        if found > 1.0 && shift.iter().zip(self.of.noise.iter().step_by(y.len() + 1)).any(shifted) {
-            let spread = MatRef::from_row_major_slice(&self.of.spread, y.len(), y.len()).to_owned();
-            let more = more.map_or_else(|| spread.clone(), |more| &more + &spread);
+        if found > 1.0 && shift.iter().zip(of.noise.iter().step_by(y.len() + 1)).any(shifted) {
+            *more += MatRef::from_row_major_slice(&of.spread, y.len(), y.len());
             off.iter_mut().zip(shift).for_each(|(off, shift)| *off -= shift);
-            return Ok(found.min(gate.excess(&off, z, seen, Some(&more), alone)?));
+            return found.min(gate.excess(off, z, seen, (Some(more), alone), white));
         }
-        Ok(found)
+        found
+    }
+
+    /// z of a window, and what is predicted behind it.
+    fn predict(&mut self, k: usize, acted: &[f64], bias: &[f64]) {
+        let Self { filter, theta, windows, room: Room { z, predicted, .. }, .. } = self;
+        filter.window.regressors(&windows[k].x, acted, 1.0, z);
+        for ((to, row), shift) in predicted.iter_mut().zip(theta.chunks_exact(z.len())).zip(bias) {
+            *to = dot(row, z) + shift;
+        }
+    }
+
+    /// Takes what was seen into a window, or nothing of it, behind [`Self::predict`].
+    fn take(&mut self, k: usize, y: &[f64], acted: &[f64], rejected: bool) {
+        let Room { seen, none, predicted, .. } = &self.room;
+        self.filter.advance(&mut self.windows[k], y, acted, if rejected { none } else { seen }, predicted);
+    }
+
+    /// A window becomes another.
+    fn copy(&mut self, to: usize, from: usize) {
+        if let Ok([to, from]) = self.windows.get_disjoint_mut([to, from]) {
+            to.copy(from);
+        }
     }
 
     /// Take readings in, those with `seen` that are numbers, or what is predicted in their place, with the input that acted, the
-    /// bias that was found last, and whether the loop has run.
+    /// bias that was found last, and whether the loop has run. No call allocates, but for the first one on a thread, where `faer`
+    /// asks for its buffers; after an error, all is as before.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`] for the input or the bias, [`Error::Memory`].
-    pub fn step(&mut self, y: &[f64], seen: &[bool], acted: &[f64], bias: &[f64], started: bool) -> Result<Step> {
+    pub fn step(&mut self, y: &[f64], seen: &[bool], acted: &[f64], bias: &[f64], started: bool) -> Result<&Step> {
         let (p, m) = (self.filter.window.outputs(), self.filter.window.inputs());
         for (name, len, expected) in
             [("y", y.len(), p), ("seen", seen.len(), p), ("acted", acted.len(), m), ("bias", bias.len(), p)]
@@ -447,84 +558,102 @@ impl Readings {
         }
         require_finite("acted", acted)?;
         require_finite("bias", bias)?;
-        let seen = &try_collect(WHAT, seen.iter().zip(y).map(|(seen, y)| *seen && y.is_finite()))?[..];
-        let mut step =
-            Step { predicted: None, bias: try_copy(WHAT, bias)?, off: 0.0, believed: false, lost: false, runs: false };
-        let mut next = (None, [None, None], self.doubt.clone());
-        let mut begins = self.now.is_none();
-        if let Some(now) = &self.now {
-            let ahead = |z: &[f64]| -> Result<Vec<f64>> {
-                let mut ahead = product(&self.theta, z)?;
-                ahead.iter_mut().zip(bias).for_each(|(ahead, shift)| *ahead += shift);
-                Ok(ahead)
-            };
-            let with_all = |of: &Contents| -> Result<Option<Contents>> {
-                let predicted = ahead(&self.filter.regressors(of, acted)?)?;
-                Ok(Some(self.filter.advanced(of, y, acted, seen, &predicted)?))
-            };
-            let (mut now, mut z) = (now, self.filter.regressors(now, acted)?);
-            let (mut came, none) = (seen, try_collect(WHAT, seen.iter().map(|_| false))?);
-            step.off = self.off(y, now, &z, bias, seen, false)?;
-            begins = step.off > 1.0 && now.calls == 1 && now.covariance.is_some();
-            if step.off > 1.0 {
-                let predicted = ahead(&z)?;
-                let off = |i: usize| {
-                    let off = (y[i] - predicted[i]) / self.of.noise[i * p + i].sqrt();
-                    if seen[i] && off.is_finite() { off } else { 0.0 }
-                };
-                next.2.reject(try_collect(WHAT, (0..p).map(off))?);
-                if self.doubt.of_change() {
-                    let mut least = f64::INFINITY;
-                    for other in self.others.iter().flatten().chain([now]) {
-                        let of = self.filter.regressors(other, acted)?;
-                        // behind a false reading some system of the region explains nearly everything
-                        let off = self.off(y, other, &of, bias, seen, true)?;
-                        if off < BETTER * least {
-                            (now, z, least) = (other, of, off);
-                        }
-                    }
-                    step.believed = true;
-                } else {
-                    came = &none;
-                    next.1[0] = with_all(self.others[0].as_ref().unwrap_or(now))?;
-                    if self.others[0].is_some() {
-                        next.1[1] = with_all(self.others[1].as_ref().unwrap_or(now))?;
-                    }
-                }
-            } else {
-                next.2.accept();
-                if next.2.alike > 0.0 {
-                    for (next, other) in next.1.iter_mut().zip(self.others.iter().flatten()) {
-                        *next = with_all(other)?;
-                    }
-                }
+        room_for_products()?;
+        for (to, (seen, y)) in self.room.seen.iter_mut().zip(seen.iter().zip(y)) {
+            *to = *seen && y.is_finite();
+        }
+        self.step.predicted.clear();
+        self.step.bias.copy_from_slice(bias);
+        (self.step.off, self.step.believed) = (0.0, false);
+        let mut begins = !self.windows[NOW].began();
+        if !begins {
+            self.predict(NOW, acted, bias);
+            let off = self.off(NOW, y, bias, false);
+            begins = off > 1.0 && self.windows[NOW].calls == 1 && !self.windows[NOW].known;
+            let believed = off > 1.0 && self.doubt.of_change();
+            let rejected = off > 1.0 && !believed;
+            (self.step.off, self.step.believed) = (off, believed);
+            self.judge(y, acted, bias);
+            self.predict(NOW, acted, bias);
+            self.learn(y, started && !rejected);
+            self.step.predicted.extend_from_slice(&self.room.predicted);
+            self.take(NOW, y, acted, rejected);
+            if believed {
+                self.copy(RAW, NOW);
+                self.windows[LATE].calls = 0;
             }
-            let predicted = ahead(&z)?;
-            let news = |i: usize| if started && came[i] { y[i] - predicted[i] } else { 0.0 };
-            let news = try_collect(WHAT, (0..p).map(news))?;
-            step.bias.iter_mut().zip(product(&self.of.gain, &news)?).for_each(|(e, more)| *e += more);
-            if self.gate.is_some() {
-                // alone, a cut would leave a part of a false reading behind
-                self.capped(&mut step.bias)?;
-            }
-            next.0 = Some(self.filter.advanced(now, y, acted, came, &predicted)?);
-            if step.believed {
-                next.1[0].clone_from(&next.0);
-            }
-            step.predicted = Some(predicted);
         }
         if begins {
             // of two readings that do not agree the second is kept: no others say which is false
-            next = (Some(self.filter.begun(y, acted, seen)?), [None, None], Doubt::default());
+            self.filter.begun(&mut self.windows[NOW], y, acted, &self.room.seen);
+            self.certain();
         }
-        let found = next.0.as_ref();
-        let sum = |now: &Contents| now.x.iter().chain(&step.bias).sum::<f64>();
-        step.lost = !found.is_some_and(|now| sum(now).is_finite() && now.excess < USELESS);
-        step.runs = !step.lost && found.is_some_and(|now| now.tells(started) && now.missed <= self.max_missing);
+        let (now, step) = (&self.windows[NOW], &mut self.step);
+        let sum = now.x.iter().chain(&step.bias).sum::<f64>();
+        step.lost = !sum.is_finite() || now.excess.is_nan() || now.excess >= USELESS;
+        step.runs = !step.lost && now.tells(started) && now.missed <= self.max_missing;
         if step.lost {
-            next = (None, [None, None], Doubt::default());
+            self.windows[NOW].calls = 0;
+            self.certain();
         }
-        (self.now, self.others, self.doubt) = next;
-        Ok(step)
+        Ok(&self.step)
+    }
+
+    /// What readings that are rejected, or not, say of the window: another takes its place if it explains them better, where they
+    /// are believed; else they are taken into the others alone.
+    fn judge(&mut self, y: &[f64], acted: &[f64], bias: &[f64]) {
+        let Step { off, believed, .. } = self.step;
+        if off > 1.0 {
+            let Room { seen, predicted, off, .. } = &mut self.room;
+            for (i, off) in off.iter_mut().enumerate() {
+                *off = (y[i] - predicted[i]) / self.of.noise[i * y.len() + i].sqrt();
+                *off = if seen[i] && off.is_finite() { *off } else { 0.0 };
+            }
+            self.doubt.reject(off);
+        } else {
+            self.doubt.accept();
+        }
+        if believed {
+            let (mut best, mut least) = (NOW, f64::INFINITY);
+            for k in [RAW, LATE, NOW] {
+                if !self.windows[k].began() {
+                    continue;
+                }
+                self.predict(k, acted, bias);
+                // behind a false reading some system of the region explains nearly everything
+                let off = self.off(k, y, bias, true);
+                if off < BETTER * least {
+                    (best, least) = (k, off);
+                }
+            }
+            self.copy(NOW, best);
+            return;
+        }
+        let there = [RAW, LATE].map(|k| self.windows[k].began());
+        let kept = off > 1.0 || self.doubt.alike > 0.0;
+        for (k, began) in [RAW, LATE].into_iter().zip(there) {
+            if off > 1.0 && !began && (k == RAW || there[0]) {
+                self.copy(k, NOW);
+            }
+            if kept && self.windows[k].began() {
+                self.predict(k, acted, bias);
+                self.take(k, y, acted, false);
+            } else {
+                self.windows[k].calls = 0;
+            }
+        }
+    }
+
+    /// The bias by what was not predicted, within what inputs can hold.
+    fn learn(&mut self, y: &[f64], taken: bool) {
+        let (Room { seen, predicted, off, .. }, step) = (&mut self.room, &mut self.step);
+        for (i, news) in off.iter_mut().enumerate() {
+            *news = if taken && seen[i] { y[i] - predicted[i] } else { 0.0 };
+        }
+        step.bias.iter_mut().zip(self.of.gain.chunks_exact(off.len())).for_each(|(e, row)| *e += dot(row, off));
+        if self.gate.is_some() {
+            // alone, a cut would leave a part of a false reading behind
+            self.capped();
+        }
     }
 }

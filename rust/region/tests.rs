@@ -210,7 +210,7 @@ fn a_reading_that_is_no_number_is_missing() {
         for k in 0..9 {
             let (y, seen) = if k == 5 { (lost, seen) } else { (0.1 * k as f64, true) };
             let step = readings.step(&[y], &[seen], &[0.2], &bias, k > 2).unwrap();
-            bias = step.bias;
+            bias = step.bias.clone();
             assert!(!step.lost && bias[0].is_finite(), "{k} {bias:?}");
         }
         bias

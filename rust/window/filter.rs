@@ -4,13 +4,16 @@
 //! which they are 0; `(A_s, G)` takes it one step on. Begun at the first reading, with the range and the deviation of each
 //! signal as its error. Where all readings came and nothing was missing before, it is the window of the model itself.
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, MatRef, Side};
+use std::mem::take;
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 
 use crate::error::{Error, Result, require_finite, sized};
-use crate::memory::{covered, room_for_products, try_collect, try_copy, try_zeros};
+use crate::memory::{checked_len, covered, room_for_products, try_collect, try_copy, try_room, try_zeros};
 
 use super::shape::{WHAT, Window};
+use super::workspace::Workspace;
 
 /// Most of the variance of the next readings that an uncertain window may add, to run.
 const UNSURE: f64 = 9.0;
@@ -18,19 +21,21 @@ const UNSURE: f64 = 9.0;
 const PATIENCE: usize = 4;
 
 /// The window after a call.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Contents {
     /// The state of the window.
     pub x: Vec<f64>,
-    /// Covariance of its error; None: all readings and inputs in it are true.
-    pub covariance: Option<Mat<f64>>,
+    /// Whether all readings and inputs in it are true.
+    pub known: bool,
+    /// Covariance of its error (n, n), where it is not known.
+    pub covariance: Vec<f64>,
     /// What the covariance adds to the variance of the next readings, in units of the noise.
     pub excess: f64,
     /// Complete readings in a row.
     pub since: usize,
     /// Calls in a row in which no reading came.
     pub missed: usize,
-    /// All calls.
+    /// All calls; 0 before the first readings.
     pub calls: usize,
     /// How many readings of each output came.
     pub read: Vec<usize>,
@@ -49,19 +54,33 @@ impl Contents {
     /// [`Error::Memory`].
     pub fn numbers(&self) -> Result<Vec<f64>> {
         let counts = [self.since, self.missed, self.calls, self.first, usize::from(self.stuck)];
-        let n = self.x.len();
-        let covariance = self.covariance.iter().flat_map(|of| (0..n * n).map(move |at| of[(at / n, at % n)]));
+        let covariance = if self.known { &[] } else { &self.covariance[..] };
         let counts = counts.iter().chain(&self.read).map(|count| *count as f64);
         try_collect(
             WHAT,
-            [self.excess, self.mark].into_iter().chain(counts).chain(self.x.iter().copied()).chain(covariance),
+            [self.excess, self.mark].into_iter().chain(counts).chain(self.x.iter().chain(covariance).copied()),
         )
+    }
+
+    /// Whether there were readings.
+    #[must_use]
+    pub const fn began(&self) -> bool {
+        self.calls > 0
+    }
+
+    /// The same as another window, in the memory of this one.
+    pub(crate) fn copy(&mut self, of: &Self) {
+        let (mut x, mut read, mut covariance) = (take(&mut self.x), take(&mut self.read), take(&mut self.covariance));
+        x.copy_from_slice(&of.x);
+        read.copy_from_slice(&of.read);
+        covariance.copy_from_slice(&of.covariance);
+        *self = Self { x, read, covariance, ..*of };
     }
 
     /// Whether a loop may run: full, or long enough and sure enough.
     #[must_use]
     pub fn tells(&self, started: bool) -> bool {
-        self.covariance.is_none() || (self.excess <= UNSURE && (started || self.calls >= self.first))
+        self.known || (self.excess <= UNSURE && (started || self.calls >= self.first))
     }
 }
 
@@ -79,6 +98,41 @@ pub struct Filter {
     pub(crate) mean: Vec<f64>,
     /// The error of each state at the first reading.
     pub(crate) apart: Vec<f64>,
+    room: Room,
+}
+
+/// Memory of a step, so that none asks for any.
+#[derive(Debug)]
+struct Room {
+    small: Workspace,
+    came: Vec<usize>,
+    /// `C P` (p, n) and `C P C'` (p, p).
+    across: Mat<f64>,
+    own: Mat<f64>,
+    /// The covariance of (x, y), and a product of its size; its rows that came, and the gain for them (p, n + p).
+    joint: Mat<f64>,
+    product: Mat<f64>,
+    rows: Mat<f64>,
+    gain: Mat<f64>,
+    /// What was not known of (x, y), and the readings with estimates of the missing ones.
+    off: Vec<f64>,
+    filled: Vec<f64>,
+}
+
+impl Room {
+    fn new(n: usize, p: usize) -> Result<Self> {
+        let (small, came, all) = (Workspace::new(p, n + p)?, try_room(WHAT, p)?, || Mat::zeros(n + p, n + p));
+        let [across, own, rows, gain] = [n, p, n + p, n + p].map(|columns| Mat::zeros(p, columns));
+        let (joint, product, off, filled) = (all(), all(), try_zeros(WHAT, n + p)?, try_zeros(WHAT, p)?);
+        Ok(Self { small, came, across, own, joint, product, rows, gain, off, filled })
+    }
+
+    /// `F P F'` in `own`.
+    fn seen_through(&mut self, f: &Mat<f64>, covariance: &[f64]) {
+        let covariance = MatRef::from_column_major_slice(covariance, f.ncols(), f.ncols());
+        matmul(&mut self.across, Accum::Replace, f, covariance, 1.0, Par::Seq);
+        matmul(&mut self.own, Accum::Replace, &self.across, f.transpose(), 1.0, Par::Seq);
+    }
 }
 
 impl Filter {
@@ -116,15 +170,20 @@ impl Filter {
             }
             let error = |i: usize| if i < past { wide[i % p] } else { wide[p + (i - past) % m] };
             let (mean, apart) = (try_copy(WHAT, mean)?, try_collect(WHAT, (0..n).map(error))?);
-            Ok(Self { window, c, step: Mat::from_fn(n, n + p, entry), noise, seen_by, mean, apart })
+            let step = Mat::from_fn(n, n + p, entry);
+            Ok(Self { window, c, step, noise, seen_by, mean, apart, room: Room::new(n, p)? })
         })?
     }
 
-    /// `z = J (x; u; 1)`.
-    pub(crate) fn regressors(&self, now: &Contents, acted: &[f64]) -> Result<Vec<f64>> {
-        let mut z = try_zeros(WHAT, self.window.length())?;
-        self.window.regressors(&now.x, acted, 1.0, &mut z);
-        Ok(z)
+    /// A window before the first readings.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn empty(&self) -> Result<Contents> {
+        let n = self.window.states();
+        let (x, covariance) = (try_zeros(WHAT, n)?, try_zeros(WHAT, checked_len(WHAT, n, n)?)?);
+        let read = try_zeros(WHAT, self.window.outputs())?;
+        Ok(Contents { x, covariance, read, known: true, ..Contents::default() })
     }
 
     /// Undo [`Contents::numbers`].
@@ -141,25 +200,25 @@ impl Filter {
         let (counts, rest) = numbers[2..].split_at(5);
         let (read, rest) = rest.split_at(p);
         let (x, covariance) = rest.split_at(n);
-        let count = |at: usize| counts[at] as usize;
-        let square = || MatRef::from_row_major_slice(covariance, n, n).to_owned();
-        Ok(Contents {
-            x: try_copy(WHAT, x)?,
-            covariance: if known { None } else { Some(covered(WHAT, 8 * n as u128 * (n as u128 + 8), square)?) },
-            excess: numbers[0],
-            since: count(0),
-            missed: count(1),
-            calls: count(2),
-            read: try_collect(WHAT, read.iter().map(|count| *count as usize))?,
-            mark: numbers[1],
-            first: count(3),
-            stuck: count(4) == 1,
-        })
+        let (count, mut now) = (|at: usize| counts[at] as usize, self.empty()?);
+        now.x.copy_from_slice(x);
+        if !known {
+            now.covariance.copy_from_slice(covariance);
+        }
+        now.read.iter_mut().zip(read).for_each(|(to, count)| *to = *count as usize);
+        (now.known, now.excess, now.mark, now.stuck) = (known, numbers[0], numbers[1], count(4) == 1);
+        (now.since, now.missed, now.calls, now.first) = (count(0), count(1), count(2), count(3));
+        Ok(now)
     }
 
-    /// What an uncertain window adds to the covariance of the next readings.
-    pub(crate) fn unknown(&self, now: &Contents) -> Option<Mat<f64>> {
-        now.covariance.as_ref().map(|covariance| &self.c * covariance * self.c.transpose())
+    /// What an uncertain window adds to the covariance of the next readings; zeros of a known one.
+    pub(crate) fn unknown(&mut self, now: &Contents) -> &mut Mat<f64> {
+        if now.known {
+            self.room.own.fill(0.0);
+        } else {
+            self.room.seen_through(&self.c, &now.covariance);
+        }
+        &mut self.room.own
     }
 
     /// A window that is known, of the state `x` (n).
@@ -169,104 +228,109 @@ impl Filter {
     pub fn full(&self, x: &[f64]) -> Result<Contents> {
         sized("x", x.len(), self.window.states())?;
         require_finite("x", x)?;
-        let (calls, mut read) = (self.window.fill() + 1, try_zeros(WHAT, self.window.outputs())?);
-        read.fill(calls);
-        let (x, since) = (try_copy(WHAT, x)?, calls);
-        let (covariance, excess, mark, stuck) = (None, 0.0, 0.0, false);
-        Ok(Contents { x, covariance, excess, since, missed: 0, calls, read, mark, first: 0, stuck })
+        let (calls, mut now) = (self.window.fill() + 1, self.empty()?);
+        now.x.copy_from_slice(x);
+        now.read.fill(calls);
+        (now.since, now.calls) = (calls, calls);
+        Ok(now)
     }
 
     /// The window at a first reading: all before it is taken to be the same.
-    pub(crate) fn begun(&self, y: &[f64], acted: &[f64], seen: &[bool]) -> Result<Contents> {
-        let (n, p) = (self.window.states(), self.window.outputs());
-        let mut contents = self.full(&try_zeros(WHAT, n)?)?;
-        let first = try_collect(WHAT, (0..p).map(|i| if seen[i] { y[i] } else { self.mean[i] }))?;
-        self.window.start(&first, acted, &mut contents.x);
-        let error = |i: usize| if self.window.lags() && i < p && seen[i] { 0.0 } else { self.apart[i].powi(2) };
-        contents.covariance = Some(covered(WHAT, 8 * n as u128 * (n as u128 + 8), || {
-            Mat::from_fn(n, n, |i, j| if i == j { error(i) } else { 0.0 })
-        })?);
-        contents.read.fill(0);
-        (contents.since, contents.calls, contents.mark) = (0, 0, f64::INFINITY);
-        contents.first = self.window.fill() + 1;
-        self.counted(contents, seen)
+    pub(crate) fn begun(&mut self, now: &mut Contents, y: &[f64], acted: &[f64], seen: &[bool]) {
+        let (p, first) = (y.len(), &mut self.room.filled);
+        (0..p).for_each(|i| first[i] = if seen[i] { y[i] } else { self.mean[i] });
+        self.window.start(first, acted, &mut now.x);
+        now.covariance.fill(0.0);
+        for (i, apart) in self.apart.iter().enumerate() {
+            let read = self.window.lags() && i < p && seen[i];
+            now.covariance[i * (self.apart.len() + 1)] = if read { 0.0 } else { apart.powi(2) };
+        }
+        now.read.fill(0);
+        (now.known, now.mark, now.first, now.stuck) = (false, f64::INFINITY, self.window.fill() + 1, false);
+        (now.since, now.missed, now.calls) = (0, 0, 0);
+        self.counted(now, seen);
     }
 
     /// The window one step later, with the readings that came and estimates of the others.
-    pub(crate) fn advanced(
-        &self,
-        now: &Contents,
-        y: &[f64],
-        acted: &[f64],
-        seen: &[bool],
-        predicted: &[f64],
-    ) -> Result<Contents> {
-        let (n, p, mut next) = (now.x.len(), y.len(), now.clone());
-        if now.covariance.is_none() && seen.iter().all(|came| *came) {
-            self.window.advance(&mut next.x, y, acted);
-            return self.counted(next, seen);
+    pub(crate) fn advance(&mut self, now: &mut Contents, y: &[f64], acted: &[f64], seen: &[bool], predicted: &[f64]) {
+        if now.known && seen.iter().all(|came| *came) {
+            self.window.advance(&mut now.x, y, acted);
+            return self.counted(now, seen);
         }
-        let came = try_collect(WHAT, (0..p).filter(|i| seen[*i]))?;
-        room_for_products()?;
-        let off = covered(WHAT, 256 * (n as u128 + p as u128).pow(2), || {
-            let none = Mat::zeros(n, n);
-            let covariance = now.covariance.as_ref().unwrap_or(&none);
-            let across = &self.c * covariance;
-            let own = &across * self.c.transpose() + &self.noise;
-            // of (x, y)
-            let mut joint = Mat::from_fn(n + p, n + p, |i, j| match (i < n, j < n) {
-                (true, true) => covariance[(i, j)],
+        let (n, p) = (now.x.len(), y.len());
+        if now.known {
+            now.covariance.fill(0.0);
+            now.known = false;
+        }
+        let Self { room, window, .. } = self;
+        room.seen_through(&self.c, &now.covariance);
+        let Room { small, came, across, own, joint, product, rows, gain, off, filled } = room;
+        *own += &self.noise;
+        for (i, j) in (0..n + p).flat_map(|i| (0..n + p).map(move |j| (i, j))) {
+            joint[(i, j)] = match (i < n, j < n) {
+                (true, true) => now.covariance[i * n + j],
                 (true, false) => across[(j - n, i)],
                 (false, true) => across[(i - n, j)],
                 (false, false) => own[(i - n, j - n)],
-            });
-            let mut off = Mat::zeros(n + p, 1);
-            if !came.is_empty() {
-                let some = Mat::from_fn(came.len(), came.len(), |i, j| own[(came[i], came[j])]);
-                let rows = Mat::from_fn(came.len(), n + p, |i, j| joint[(n + came[i], j)]);
-                let gain = some.partial_piv_lu().solve(&rows);
-                off = gain.transpose() * Mat::from_fn(came.len(), 1, |i, _| y[came[i]] - predicted[came[i]]);
-                joint -= gain.transpose() * &rows;
-                for i in came.iter().map(|i| n + i) {
-                    joint.row_mut(i).fill(0.0);
-                    joint.col_mut(i).fill(0.0);
-                }
+            };
+        }
+        off.fill(0.0);
+        came.clear();
+        came.extend((0..p).filter(|i| seen[*i]));
+        let count = came.len();
+        if count > 0 {
+            let mut some = own.submatrix_mut(0, 0, count, count);
+            let (mut rows, mut gain) = (rows.subrows_mut(0, count), gain.subrows_mut(0, count));
+            for (i, at) in came.iter().enumerate() {
+                (0..count).for_each(|j| some[(i, j)] = joint[(n + at, n + came[j])]);
+                (0..n + p).for_each(|j| rows[(i, j)] = joint[(n + at, j)]);
             }
-            let after = &self.step * joint * self.step.transpose();
-            next.covariance = Some(Mat::from_fn(n, n, |i, j| (after[(i, j)] + after[(j, i)]) / 2.0));
-            off
-        })?;
-        let filled = (0..p).map(|i| if seen[i] { y[i] } else { predicted[i] + off[(n + i, 0)] });
-        let filled = try_collect(WHAT, filled)?;
-        next.x.iter_mut().enumerate().for_each(|(i, x)| *x += off[(i, 0)]);
-        self.window.advance(&mut next.x, &filled, acted);
-        self.counted(next, seen)
+            gain.copy_from(&rows);
+            small.solve(some, gain.as_mut());
+            for (j, off) in off.iter_mut().enumerate() {
+                *off = came.iter().enumerate().map(|(i, at)| gain[(i, j)] * (y[*at] - predicted[*at])).sum();
+            }
+            matmul(&mut *product, Accum::Replace, gain.transpose(), &rows, 1.0, Par::Seq);
+            *joint -= &*product;
+            for i in came.iter().map(|i| n + i) {
+                joint.row_mut(i).fill(0.0);
+                joint.col_mut(i).fill(0.0);
+            }
+        }
+        let mut half = product.subrows_mut(0, n);
+        matmul(half.as_mut(), Accum::Replace, &self.step, &*joint, 1.0, Par::Seq);
+        let mut covariance = MatMut::from_column_major_slice_mut(&mut now.covariance, n, n);
+        matmul(covariance.as_mut(), Accum::Replace, &half, self.step.transpose(), 1.0, Par::Seq);
+        for (i, j) in (0..n).flat_map(|i| (0..i).map(move |j| (i, j))) {
+            let mean = (covariance[(i, j)] + covariance[(j, i)]) / 2.0;
+            (covariance[(i, j)], covariance[(j, i)]) = (mean, mean);
+        }
+        for (i, to) in filled.iter_mut().enumerate() {
+            *to = if seen[i] { y[i] } else { predicted[i] + off[n + i] };
+        }
+        now.x.iter_mut().zip(&*off).for_each(|(x, off)| *x += off);
+        window.advance(&mut now.x, filled, acted);
+        self.counted(now, seen);
     }
 
-    fn counted(&self, mut now: Contents, seen: &[bool]) -> Result<Contents> {
-        let fill = self.window.fill();
+    fn counted(&mut self, now: &mut Contents, seen: &[bool]) {
+        let (fill, room) = (self.window.fill(), &mut self.room);
         now.calls += 1;
         now.since = if seen.iter().all(|came| *came) { now.since + 1 } else { 0 };
         now.missed = if seen.contains(&true) { 0 } else { now.missed + 1 };
         now.read.iter_mut().zip(seen).for_each(|(count, came)| *count += usize::from(*came));
-        if now.since > fill {
-            now.covariance = None;
+        now.known |= now.since > fill;
+        now.excess = 0.0;
+        if !now.known {
+            room.seen_through(&self.seen_by, &now.covariance);
+            let largest = if room.own.norm_l2().is_finite() { room.small.largest(room.own.as_ref()) } else { None };
+            now.excess = largest.unwrap_or(f64::INFINITY);
         }
-        now.excess = match &now.covariance {
-            None => 0.0,
-            Some(covariance) => {
-                let added = &self.seen_by * covariance * self.seen_by.transpose();
-                let finite = added.norm_l2().is_finite();
-                let values = finite.then(|| added.self_adjoint_eigenvalues(Side::Lower).ok()).flatten();
-                values.and_then(|values| values.last().copied()).unwrap_or(f64::INFINITY)
-            }
-        };
         if now.calls.is_multiple_of(fill + 1) {
             let slower = (now.excess / now.mark).powi(PATIENCE as i32);
             let then = if now.excess < now.mark { now.excess * slower } else { now.excess };
             now.stuck = now.calls >= PATIENCE * (fill + 1) && (then.is_nan() || then > UNSURE);
             now.mark = now.excess;
         }
-        Ok(now)
     }
 }

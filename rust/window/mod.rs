@@ -18,6 +18,7 @@ mod order;
 mod past;
 mod rest;
 mod shape;
+mod workspace;
 
 pub use filter::{Contents, Filter};
 pub use identified::{Identified, Simulated};
@@ -26,3 +27,4 @@ pub use log_tests::{Declarations, Log, declared_tests};
 pub use order::Past;
 pub use rest::Rest;
 pub use shape::{Kind, Window};
+pub(crate) use workspace::Workspace;

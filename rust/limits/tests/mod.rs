@@ -5,6 +5,7 @@
 mod batches;
 mod horizons;
 mod loops;
+mod readings;
 mod stops;
 
 use proptest::prelude::*;

@@ -646,7 +646,8 @@ impl SetPoints {
     }
 
     /// The state of the window and the input while the target is `step` away and moves by `slope` a step (p, 0 where free), given
-    /// inputs are `given` away (m), and a constant e acts: exact for the model on constants and ramps. Nothing is allocated.
+    /// inputs are `given` away (m), and a constant e acts: exact for the model on constants and ramps. Nothing is
+    /// allocated.
     ///
     /// `(y, u) = T_e (c + e + H Z s - y') + T_r r`, `x = X (y, u) + Z_x s` with `s = (y', u') = T_r r'`.
     ///
@@ -710,7 +711,8 @@ pub struct Policy<'a> {
 }
 
 impl Policy<'_> {
-    /// `u = us + K (x - xs) + more`, at most `rate` from `acted`, within the limits; false where it overflows. Nothing is allocated.
+    /// `u = us + K (x - xs) + more`, at most `rate` from `acted`, within the limits; false where it overflows. Nothing
+    /// is allocated.
     ///
     /// # Errors
     /// [`Error::Shape`].

@@ -52,8 +52,8 @@ impl PyLoop {
         Ok(BoxControl(self.inner.with(py, self.cost, |inner, stop| inner.solve(x, Until::new(stop, limit)).cloned())?))
     }
 
-    /// Inputs (m,) and states (n,) from which those of the plans count; the limits are moved by them. With values of inputs that
-    /// are not chosen (K, m), nan for the others.
+    /// Inputs (m,) and states (n,) from which those of the plans count; the limits are moved by them. With values of
+    /// inputs that are not chosen (K, m), nan for the others.
     #[pyo3(signature = (inputs, states, fixed=None))]
     fn about(&self, py: Python<'_>, inputs: Vector<'_>, states: Vector<'_>, fixed: Option<Matrix<'_>>) -> PyResult<()> {
         let (inputs, states) = (slice("inputs", &inputs)?, slice("states", &states)?);

@@ -279,7 +279,8 @@ struct Room {
     z: Vec<f64>,
     predicted: Vec<f64>,
     off: Vec<f64>,
-    /// Of a bias that is capped: as it was asked for, the inputs at their limits, what is lacking there, and what moves it.
+    /// Of a bias that is capped: as it was asked for, the inputs at their limits, what is lacking there, and what moves
+    /// it.
     asked: Vec<f64>,
     held: Vec<(usize, f64)>,
     lacking: Mat<f64>,
@@ -544,8 +545,8 @@ impl Readings {
     }
 
     /// Take readings in, those with `seen` that are numbers, or what is predicted in their place, with the input that acted, the
-    /// bias that was found last, and whether the loop has run. No call allocates, but for the first one on a thread, where `faer`
-    /// asks for its buffers; after an error, all is as before.
+    /// bias that was found last, and whether the loop has run. No call allocates, but for the first one on a thread,
+    /// where `faer` asks for its buffers; after an error, all is as before.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`] for the input or the bias, [`Error::Memory`].
@@ -599,8 +600,8 @@ impl Readings {
         Ok(&self.step)
     }
 
-    /// What readings that are rejected, or not, say of the window: another takes its place if it explains them better, where they
-    /// are believed; else they are taken into the others alone.
+    /// What readings that are rejected, or not, say of the window: another takes its place if it explains them better,
+    /// where they are believed; else they are taken into the others alone.
     fn judge(&mut self, y: &[f64], acted: &[f64], bias: &[f64]) {
         let Step { off, believed, .. } = self.step;
         if off > 1.0 {

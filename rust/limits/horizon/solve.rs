@@ -450,10 +450,11 @@ impl RecedingHorizon {
 
     /// The best inputs from `x`. After an error, all is as before.
     ///
-    /// Without allocations and threads where one map, one table or one recursion serves all states, unless hard limits of
-    /// states cannot be met, or rounding hides the best and there is no time limit: an interior point decides then. By design
-    /// these are solved anew in each call, with memory of their own: systems that grow (1e4-fold over the steps), and more than
-    /// 1500 inputs and limited states with limits of rates or states, which Clarabel takes, on a thread of its own.
+    /// Without allocations and threads where one map, one table or one recursion serves all states, unless hard limits
+    /// of states cannot be met, or rounding hides the best and there is no time limit: an interior point decides then.
+    /// By design these are solved anew in each call, with memory of their own: systems that grow (1e4-fold over the
+    /// steps), and more than 1500 inputs and limited states with limits of rates or states, which Clarabel takes, on a
+    /// thread of its own.
     ///
     /// # Errors
     /// As [`Horizon::best`].

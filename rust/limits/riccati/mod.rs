@@ -270,8 +270,8 @@ impl Recursion {
         Ok(Self { search, g: try_zeros(WHAT, d)?, warm: Warm::new(d)?, problem })
     }
 
-    /// The best inputs from `x0` toward `reference` less `drift` (K, n), from the limits that the last call has reached, a step
-    /// later. After an error, all is as before. Nothing is allocated.
+    /// The best inputs from `x0` toward `reference` less `drift` (K, n), from the limits that the last call has
+    /// reached, a step later. After an error, all is as before. Nothing is allocated.
     pub(super) fn solve(
         &mut self,
         x0: &[f64],

@@ -942,6 +942,16 @@ class SetPoints:
     def lacking(
         self, region: Region, target: _Floats, limits: tuple[_Floats, _Floats]
     ) -> tuple[float, float]: ...
+    # of bias, calls, gain, noise and (y, u) at rest: constants at the inputs, how much more each
+    # sensor reads, and whether two of them are wrong; None: nothing is to be explained
+    def causes(
+        self,
+        region: Region,
+        learned: tuple[_Floats, int, _Floats, _Floats, _Floats],
+        level: float,
+    ) -> tuple[list[float] | None, list[float | None], bool] | None: ...
+    # directions of the outputs in these sizes (any, p), of which at most `least` leaves in a step
+    def integrating(self, sizes: _Floats, least: float) -> _Floats: ...
 
 @final
 class SetPoint:

@@ -8,6 +8,7 @@
 
 mod batch;
 mod bounds;
+mod causes;
 mod certificate;
 mod dense;
 mod dual;
@@ -32,6 +33,7 @@ mod tests;
 
 pub use batch::{Batch, box_batch};
 pub use bounds::Bounds;
+pub use causes::{Causes, Learned};
 pub(crate) use factor::{Factor, squared};
 pub(crate) use kernel::padded;
 pub use linear::root;

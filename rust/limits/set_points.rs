@@ -20,7 +20,7 @@ use crate::window::Window;
 
 use super::{Bounds, Penalty, Until, box_control};
 
-const WHAT: &str = "a set point";
+pub(super) const WHAT: &str = "a set point";
 /// Relative singular values below it are rounding.
 const RANK: f64 = 1e-10;
 /// Held outputs or inputs that move by less than this, in units of their ranges, while free outputs move by their own: these
@@ -31,16 +31,16 @@ const SMALL: f64 = 1e-6;
 /// So many inputs have all sets of their limits tried.
 const ENUMERATED: usize = 6;
 
-type Matrix = Mat<f64>;
+pub(super) type Matrix = Mat<f64>;
 
 /// The points of rest of a model.
 #[derive(Debug)]
 pub struct SetPoints {
-    window: Window,
+    pub(super) window: Window,
     /// `[N_y N_u]` (d, p + m).
-    along: Matrix,
+    pub(super) along: Matrix,
     /// `M` (p, p + m), and c.
-    m: Matrix,
+    pub(super) m: Matrix,
     c: Matrix,
     /// The state of the window per (y, u) at rest (n, p + m); what a slope of 1 per step takes off it, and off the next reading.
     states: Matrix,
@@ -97,9 +97,9 @@ pub struct Spread {
 }
 
 /// `a = u diag(s) v'` with all of v.
-struct Parts {
+pub(super) struct Parts {
     u: Matrix,
-    s: Vec<f64>,
+    pub s: Vec<f64>,
     v: Matrix,
 }
 
@@ -107,7 +107,7 @@ fn lost<T>(_: T) -> Error {
     Error::Numerical("a decomposition of a set point did not converge".into())
 }
 
-fn parts(a: &Matrix) -> Result<Parts> {
+pub(super) fn parts(a: &Matrix) -> Result<Parts> {
     if a.nrows() == 0 || a.ncols() == 0 {
         let (u, v) = (Matrix::identity(a.nrows(), a.nrows()), Matrix::identity(a.ncols(), a.ncols()));
         return Ok(Parts { u, s: Vec::new(), v });
@@ -118,18 +118,18 @@ fn parts(a: &Matrix) -> Result<Parts> {
 }
 
 impl Parts {
-    fn rank(&self, cut: f64) -> usize {
+    pub fn rank(&self, cut: f64) -> usize {
         self.s.iter().filter(|s| **s > cut).count()
     }
 
     /// The shortest x with the least `||a x - b||`, of the first `rank` singular values.
-    fn solve(&self, b: &Matrix, rank: usize) -> Matrix {
+    pub fn solve(&self, b: &Matrix, rank: usize) -> Matrix {
         let along = self.u.subcols(0, rank).transpose() * b;
         self.v.subcols(0, rank) * Mat::from_fn(rank, b.ncols(), |i, j| along[(i, j)] / self.s[i])
     }
 
     /// The directions that the first `rank` leave free.
-    fn free(&self, rank: usize) -> Matrix {
+    pub fn free(&self, rank: usize) -> Matrix {
         self.v.subcols(rank, self.v.ncols() - rank).to_owned()
     }
 }
@@ -142,7 +142,7 @@ fn stacked(above: &Matrix, below: &Matrix) -> Matrix {
 }
 
 /// Row by row.
-fn listed(a: &Matrix) -> Result<Vec<f64>> {
+pub(super) fn listed(a: &Matrix) -> Result<Vec<f64>> {
     try_collect(WHAT, (0..a.nrows() * a.ncols()).map(|at| a[(at / a.ncols(), at % a.ncols())]))
 }
 
@@ -235,7 +235,7 @@ impl SetPoints {
         (self.window.outputs(), self.window.inputs())
     }
 
-    fn bytes(&self) -> u128 {
+    pub(super) fn bytes(&self) -> u128 {
         1024 * (self.unit.len() as u128 + self.along.nrows() as u128 + 16).pow(2)
     }
 

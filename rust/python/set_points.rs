@@ -9,13 +9,16 @@ use super::convert::{array1, array2, getters, slice};
 use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
-use crate::limits::{Policy, SetPoint, SetPointTask, SetPoints};
+use crate::limits::{Learned, Policy, SetPoint, SetPointTask, SetPoints};
 use crate::memory::{try_copy, try_zeros};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Row<'py> = Bound<'py, PyArray1<f64>>;
 type Made<'py> = Bound<'py, PyArray2<f64>>;
+/// Constants at the inputs, how much more each sensor reads, and whether two of these are wrong.
+type Found = (Option<Vec<f64>>, Vec<Option<f64>>, bool);
+
 const WHAT: &str = "a set point";
 
 /// The points of rest of a model.
@@ -77,6 +80,28 @@ impl PySetPoints {
         let (target, low, high) = (slice("target", &target)?, slice("low", &limits.0)?, slice("high", &limits.1)?);
         let region = &region.get().0;
         run(py, 1e6, |stop| self.0.lacking(region, target, low, high, stop))
+    }
+
+    /// What explains a `bias` of the mean of so many `calls`, learned with `gain`, at rest at (y, u); None: nothing to explain.
+    fn causes(
+        &self,
+        py: Python<'_>,
+        region: &Bound<'_, PyRegion>,
+        learned: (Vector<'_>, usize, Matrix<'_>, Matrix<'_>, Vector<'_>),
+        level: f64,
+    ) -> PyResult<Option<Found>> {
+        let ((bias, calls, gain, noise, rest), region) = (learned, &region.get().0);
+        let (bias, rest) = (slice("bias", &bias)?, slice("rest", &rest)?);
+        let learned = Learned { bias, calls, gain: slice("gain", &gain)?, noise: slice("noise", &noise)?, rest };
+        let found = run(py, 1e6, |_| self.0.causes(region, &learned, level))?;
+        Ok(found.map(|found| (found.constants, found.sensors, found.two)))
+    }
+
+    /// Directions of the outputs in these sizes, (any, p), of which at most `least` leaves in a step.
+    fn integrating<'py>(&self, py: Python<'py>, sizes: Vector<'_>, least: f64) -> PyResult<Made<'py>> {
+        let found = self.0.integrating(slice("sizes", &sizes)?, least)?;
+        let (rows, p) = (found.len() / self.0.sizes().0, self.0.sizes().0);
+        array2(py, found, rows, p)
     }
 }
 

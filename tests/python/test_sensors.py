@@ -10,7 +10,9 @@ import pytest
 import stochens_rs as se
 import two_masses
 from coverage_study import sets
-from stochens_rs.loops.sensors import explained
+from stochens_rs.controls.set_point import points_of
+from stochens_rs.loops.sensors import FALSE_ALARM, bounded, explained
+from twin import causes
 
 SIGMA = 0.05
 
@@ -100,6 +102,47 @@ def test_the_fit_is_exact_without_noise():
     assert explained(model, 1e-3 * b, L, y, u) is None
     # at a far point of rest the error of the model explains as much
     assert explained(model, b * 1.5, L, y, np.array([1e3])) is None
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize("intercept", [False, True])
+@pytest.mark.parametrize(
+    ("p", "m", "lags"), [(1, 1, 2), (2, 1, 1), (4, 1, 3), (5, 2, 1), (2, 3, 2)]
+)
+def test_the_core_finds_the_causes_of_the_plain_twin(p, m, lags, intercept):
+    """Biases of one cause, of two, and of any, at places of rest that are near and far."""
+    verdicts = set()
+    for seed in range(sets(6, 2)):
+        data, rng = hidden(seed, p, m)[2].data, np.random.default_rng(seed)
+        window = se.Window(lags=lags)
+        model = se.identify(data, window=window, intercept=intercept, checks=False)
+        (region, noise), points = bounded(model), points_of(model)
+        H, L = model.coefficients, rng.uniform(0.02, 0.2) * np.eye(p)
+        L = L + 0.01 * rng.standard_normal((p, p))
+        y_of, u_of = np.split(H[:, : lags * (p + m)], [lags * p], axis=1)
+        M = np.eye(p) - y_of.reshape(p, lags, p).sum(axis=1)
+        b = u_of.reshape(p, lags, m).sum(axis=1)
+        for size in (1e-3, 0.3, 3.0):
+            two, some = size * rng.standard_normal(p), b @ rng.standard_normal(m) * size
+            two[2:] = 0.0  # of sensors, or of loads
+            for bias in (M[:, 0] * size, M @ two, some, two, 0.0 * two):
+                rest = rng.choice([0.1, 5.0, 1e3]) * rng.standard_normal(p + m)
+                learned = bias, int(rng.integers(1, 60)), np.ascontiguousarray(L), noise, rest
+                found = points.causes(region.core, learned, FALSE_ALARM)
+                wanted = causes.causes(H, lags, region, learned, FALSE_ALARM)
+                assert (found is None) == (wanted is None)
+                if found is None:
+                    verdicts.add(None)
+                    continue
+                (constants, sensors, pair), (its, their, both) = found, wanted
+                assert (pair, constants is None) == (both, its is None)
+                if its is not None:
+                    np.testing.assert_allclose(constants, its, rtol=1e-7, atol=1e-9 * size)
+                for of, twin in zip(sensors, their, strict=True):
+                    assert (of is None) == (twin is None)
+                    assert of is None or of == pytest.approx(twin, rel=1e-7, abs=1e-9)
+                verdicts.add((constants is None, sum(of is not None for of in sensors), pair))
+    assert len(verdicts) >= (2 if p == 1 else 3)
 
 
 def test_when_there_is_nothing_to_say():

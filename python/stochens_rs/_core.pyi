@@ -877,8 +877,8 @@ class Feedback:
 # estimate, radius, allowed; violations of all, without each group of columns, without each row;
 # gains with both radii; white, root and factor
 _Looked: TypeAlias = tuple[list[_Floats], _Floats, list[_Floats], tuple[_Floats, _Floats, float]]
-# threshold, pairs after the alarm, alarms; of the first: call, onset, part, direction, column, fell
-_Now: TypeAlias = tuple[float, float, float, tuple[float, float, int, int, int, bool] | None]
+# threshold, pairs after the alarm, alarms; of the first: call, part, direction, column, fell
+_Now: TypeAlias = tuple[float, float, float, tuple[float, int, int, int, bool] | None]
 
 @final
 class Watch:
@@ -897,6 +897,10 @@ class Watch:
     def take(self, rows: _Floats) -> None: ...
     @property
     def now(self) -> _Now: ...
+    # between which calls the change of an alarm began, with `level` left out
+    def onset(self, level: float) -> list[float] | None: ...
+    # the root mean squares of the inputs in the calls before it
+    def acting(self) -> _Floats: ...
     def sights(self, steps: float) -> list[tuple[int, int, float]]: ...
     # sizes and numbers of a controller in C
     def tables(self) -> tuple[list[tuple[str, int]], list[tuple[str, _Floats]]]: ...

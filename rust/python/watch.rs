@@ -18,8 +18,8 @@ type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
 /// Estimate, radius, and what the region adds; violations; gains with both radii; white, root and factor.
 type Looked<'py> = ([Array2<'py>; 3], Array1<'py>, [Array1<'py>; 3], (Array2<'py>, Array2<'py>, f64));
-/// Threshold, pairs after the alarm, alarms, and of the first one: call, onset, part, direction, column, whether it fell.
-type Now = (f64, f64, f64, Option<(f64, f64, usize, usize, usize, bool)>);
+/// Threshold, pairs after the alarm, alarms, and of the first one: call, part, direction, column, whether it fell.
+type Now = (f64, f64, f64, Option<(f64, usize, usize, usize, bool)>);
 
 const WHAT: &str = "a watch";
 
@@ -84,11 +84,21 @@ impl PyWatch {
     fn now(&self, py: Python<'_>) -> PyResult<Now> {
         self.0.with(py, 0.0, |watch, _| {
             let (counts, size) = (watch.counts(), watch.after().1.size());
-            let [call, onset, place] = counts.first;
+            let [call, place] = counts.first;
             let (part, direction, column, fell) = watch.bet(place as usize);
-            let first = (counts.alarmed > 0.0).then_some((call, onset, part, direction, column, fell));
+            let first = (counts.alarmed > 0.0).then_some((call, part, direction, column, fell));
             Ok((watch.threshold(), size, counts.alarms, first))
         })
+    }
+
+    /// Between which calls the change of the alarm began, with `level` left out.
+    fn onset(&self, py: Python<'_>, level: f64) -> PyResult<Option<[f64; 2]>> {
+        self.0.with(py, UNTIL_STOPPED, |watch, _| watch.onset(level))
+    }
+
+    /// The root mean squares of the inputs in the calls before the alarm.
+    fn acting<'py>(&self, py: Python<'py>) -> PyResult<Array1<'py>> {
+        array1(py, self.0.with(py, 0.0, |watch, _| watch.acting())?)
     }
 
     /// Direction, column, and the least change that would be seen within so many steps.

@@ -1,7 +1,7 @@
 //! The evidence against the region, step by step, and the alarm.
 
 use crate::error::{Error, Result};
-use crate::memory::{try_collect, try_copy, try_zeros};
+use crate::memory::{try_collect, try_copy, try_extend, try_zeros};
 use crate::vector::{axpy, dot, norm as size};
 use crate::window::Window;
 
@@ -9,6 +9,7 @@ use super::bank::{Bank, Null};
 use super::frame::{Frame, WHAT};
 use super::fresh::Fresh;
 use super::laws::{LARGEST, Laws};
+use super::recent::Recent;
 
 /// `L` of the learned bets, and the largest shift that they bet on.
 pub(super) const LEARNED: [f64; 2] = [20.0, 200.0];
@@ -52,8 +53,8 @@ pub struct Counts {
     pub alarmed: f64,
     /// That of the last pair.
     pub evidence: f64,
-    /// Of the first alarm since the last was seen: its call, that from which the evidence grew, and the place in `evidence`.
-    pub first: [f64; 3],
+    /// Of the first alarm since the last was seen: its call, and the place in `evidence`; see [`Watch::onset`].
+    pub first: [f64; 2],
 }
 
 /// Bets on a region while the plant is in use; no call allocates. Plain arrays.
@@ -66,6 +67,8 @@ pub struct Watch {
     pub(super) window: Window,
     counts: Counts,
     fresh: Fresh,
+    /// What an onset is found from.
+    pub(super) recent: Recent,
     /// State of the window, its first reading, z.
     x: Vec<f64>,
     first: Vec<f64>,
@@ -75,8 +78,6 @@ pub struct Watch {
     evidence: Vec<f64>,
     pub(super) begins: [usize; 6],
     pub(super) weights: [f64; 5],
-    /// The call at which the evidence was last that of one start.
-    onset: Vec<f64>,
     /// Of the short and the long block: sums of logarithms (bets, small, 2), `sum phi' g'z W z` (bets, small, any), `sum p^2` and
     /// `sum (g'z)^2` (bets).
     sums: [Vec<f64>; 2],
@@ -136,11 +137,11 @@ impl Watch {
             window,
             counts: Counts::default(),
             fresh: Fresh::new(&frame, None)?,
+            recent: Recent::new(window.outputs() + window.inputs())?,
             x: zeros(window.states())?,
             first: zeros(window.outputs())?,
             z: zeros(d)?,
             evidence: zeros(begins[5])?,
-            onset: zeros(begins[5])?,
             begins,
             weights,
             sums: pair(2 * small)?,
@@ -172,6 +173,9 @@ impl Watch {
         }
         self.counts.calls += 1.0;
         self.counts.skipped += 1.0;
+        if self.counts.alarmed == 0.0 {
+            self.recent.push(y.iter().chain(acted).copied());
+        }
         let read = y.iter().all(|v| v.is_finite());
         if self.counts.since > 0.0 && read && acted.iter().all(|v| v.is_finite()) {
             if self.counts.since == 1.0 {
@@ -229,9 +233,6 @@ impl Watch {
         let add = if let Promise::Every(_) = self.promise { 1.0 } else { 1.0 / (k * (k + 1.0)) };
         let factor = if factor.is_nan() { 0.0 } else { factor.min(LARGEST) }; // what overflows counts for nothing
         self.evidence[at] = (factor * (self.evidence[at] + add)).min(1e290);
-        if self.evidence[at] <= add {
-            self.onset[at] = self.counts.calls;
-        }
     }
 
     /// Whether a block has one penalty, for a constant system.
@@ -357,13 +358,12 @@ impl Watch {
         self.counts.evidence = sum;
         if sum >= self.threshold() * (1.0 + 1e-9) {
             if self.counts.alarmed == 0.0 {
-                self.counts.first = [self.counts.calls, self.onset[place] + 1.0, place as f64];
+                self.counts.first = [self.counts.calls, place as f64];
             }
             self.counts.alarms += 1.0;
             self.counts.alarmed = 1.0;
             self.counts.pairs = 0.0; // the starts of the once form go on
             self.evidence.fill(0.0);
-            self.onset.fill(self.counts.calls);
             for sums in [&mut self.sums, &mut self.drift, &mut self.squares, &mut self.sizes] {
                 sums.iter_mut().for_each(|sums| sums.fill(0.0));
             }
@@ -395,6 +395,7 @@ impl Watch {
     pub fn clear(&mut self) {
         self.counts.alarmed = 0.0;
         self.fresh.clear();
+        self.recent.clear();
     }
 
     /// What changes from call to call beside the arrays.
@@ -443,7 +444,7 @@ impl Watch {
     }
 
     fn lists(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
-        let own = [&mut self.x, &mut self.first, &mut self.evidence, &mut self.onset, &mut self.estimates];
+        let own = [&mut self.x, &mut self.first, &mut self.evidence, &mut self.estimates];
         let pairs = [&mut self.sums, &mut self.drift, &mut self.squares, &mut self.sizes, &mut self.growth];
         own.into_iter().chain(pairs.into_iter().flatten()).chain([self.fresh.triangle()])
     }
@@ -455,9 +456,15 @@ impl Watch {
     pub fn numbers(&mut self) -> Result<Vec<f64>> {
         let c = self.counts;
         let counts = [c.calls, c.pairs, c.since, c.idle, c.skipped, c.alarms, c.alarmed, c.evidence];
-        let size = [self.fresh.size()];
-        let lists = self.lists().flat_map(|list| list.iter().copied());
-        try_collect(WHAT, counts.into_iter().chain(c.starts).chain(c.first).chain(size).chain(lists))
+        let sizes = [self.fresh.size(), self.recent.len() as f64];
+        let mut found = try_collect(WHAT, counts.into_iter().chain(c.starts).chain(c.first).chain(sizes))?;
+        for list in self.lists() {
+            try_extend(WHAT, &mut found, list.iter().copied())?;
+        }
+        for row in self.recent.iter() {
+            try_extend(WHAT, &mut found, row.iter().copied())?;
+        }
+        Ok(found)
     }
 
     /// Undoes [`Watch::numbers`].
@@ -466,19 +473,23 @@ impl Watch {
     /// [`Error::Shape`] for numbers of another watch.
     pub fn resume(&mut self, numbers: &[f64]) -> Result<()> {
         let own = 15 + self.lists().map(|list| list.len()).sum::<usize>();
-        let sound = numbers.len() == own && numbers.iter().all(|v| v.is_finite());
+        let wide = self.window.outputs() + self.window.inputs();
+        let more = numbers.get(14).map_or(0, |calls| *calls as usize).saturating_mul(wide);
+        let sound = numbers.len() == own.saturating_add(more) && numbers[..own].iter().all(|v| v.is_finite());
         let Some((counts, mut rest)) = numbers.split_first_chunk::<15>().filter(|_| sound) else {
             let found = numbers.len().to_string();
             return Err(Error::Shape { name: "state", expected: format!("{own} finite numbers"), found });
         };
-        let [calls, pairs, since, idle, skipped, alarms, alarmed, evidence, a, b, c, d, e, f, size] = *counts;
-        let (starts, first) = ([a, b, c], [d, e, f]);
+        let [calls, pairs, since, idle, skipped, alarms, alarmed, evidence, a, b, c, d, e, size, _] = *counts;
+        let (starts, first) = ([a, b, c], [d, e]);
         self.counts = Counts { calls, pairs, starts, since, idle, skipped, alarms, alarmed, evidence, first };
         for list in self.lists() {
             let (own, after) = rest.split_at(list.len());
             *list = try_copy(WHAT, own)?;
             rest = after;
         }
+        self.recent.clear();
+        rest.chunks_exact(wide).for_each(|row| self.recent.push(row.iter().copied()));
         self.fresh.resume(size);
         Ok(())
     }

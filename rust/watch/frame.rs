@@ -48,6 +48,8 @@ pub struct Frame {
     /// The root mean squares (d) of z in the data.
     pub scale: Vec<f64>,
     pub(super) parts: Vec<Arc<Part>>,
+    /// How many pairs the region is from.
+    pub(super) pairs: f64,
 }
 
 impl Frame {
@@ -135,6 +137,7 @@ impl Frame {
             unscaled,
             scale,
             parts,
+            pairs,
         })
     }
 

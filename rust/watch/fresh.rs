@@ -19,7 +19,7 @@ use crate::vector::{axpy, dot};
 use super::frame::{Frame, WHAT, WIDER};
 
 /// Pairs of the mixtures: sets of about these lengths are measured best.
-const MIXTURES: [f64; 3] = [5.0, 50.0, 500.0];
+pub(super) const MIXTURES: [f64; 3] = [5.0, 50.0, 500.0];
 /// Of the largest: directions of z that are as good as absent. Any limit is valid, as the others are orthogonal to them.
 const ABSENT: f64 = 1e-9;
 /// In units of the data of the region: what is smaller is absent, too, and squares stay numbers.

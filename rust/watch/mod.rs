@@ -15,6 +15,8 @@ mod bank;
 mod frame;
 mod fresh;
 mod laws;
+mod onset;
+mod recent;
 mod tables;
 
 pub use accept::{OpenLoop, open_loop};

@@ -184,7 +184,6 @@ def test_the_alarm_is_that_of_the_core(kind: str, law: Any, tmp_path: Path) -> N
         (1, size["STATES"]),
         (None, size["P"]),
         (2, size["ALL"]),
-        (None, size["ALL"]),
         (3, 2 * size["ROWS"] * size["D"]),
         (4, 2 * size["BETS"] * size["SMALL"]),
         (5, 2 * size["BETS"] * size["SMALL"]),

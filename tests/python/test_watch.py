@@ -17,8 +17,8 @@ from stochens_rs import _core
 from stochens_rs.exceptions import InputError, StochensError
 from stochens_rs.feedback import Watch
 from stochens_rs.identification.assumptions import ACCEPTED
-from stochens_rs.identification.changes import onset_of, source_of
-from twin.watch import evidence
+from stochens_rs.identification.changes import source_of
+from twin.watch import evidence, onset
 
 RIG = (
     np.array([[1.0, -0.01, 0.1, 0.0], [0, 1.06, 0, 0.1], [0, -0.2, 1, -0.01], [0, 1.2, 0, 1.06]]),
@@ -560,7 +560,10 @@ def test_all_numbers_of_a_watch_are_finite(law, moving):
         size = 10.0 ** rng.uniform(-320, 150, 2)
         watch(rng.standard_normal(1) * size[0] * (k % 3 > 0), rng.standard_normal(1) * size[1])
     state = watch.__getstate__()["state"]
-    assert np.isfinite(state).all()
+    own = len(state) - 2 * int(state[14])  # behind them the calls, nan for the first input
+    assert np.isfinite(state[:own]).all()
+    assert np.isnan(state[own:]).sum() == 1
+    state = state[:own]
     assert np.abs(state).max() > 1e100
 
 
@@ -769,9 +772,67 @@ def test_the_onset_of_a_drive_is_not_the_first_full_window():
     assert copy.copy(loop.watch).onset == (first, last)
 
 
+@pytest.mark.parametrize(
+    ("fill", "about"),
+    [(0, {"lags": 1}), (2, {"lags": 2, "delay": 1}), (2, {"lags": 3, "intercept": True})],
+)
+def test_the_onset_is_that_of_the_plain_twin(fill, about):
+    """Readings of two outputs, with gaps, from a plant that changes at some call."""
+    A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.3], [1.0]])
+    delay, offset = about.get("delay", 0), 0.4 * about.get("intercept", False)
+
+    def calls(rng, steps, at=10**9):
+        y, acted = np.zeros((steps + 1, 2)), rng.standard_normal((steps + 1, 1))
+        for k in range(steps):
+            late = acted[k + 1 - delay] if k >= delay else 0.0 * acted[0]
+            y[k + 1] = A @ y[k] + (0.5 if k >= at else 1.0) * B @ late + offset
+            y[k + 1] += 0.1 * rng.standard_normal(2)
+        return y, acted
+
+    rng, found = np.random.default_rng(fill), []
+    y, acted = calls(rng, 200)
+    data = se.Trajectories([y], [acted[1:]], outputs=True)
+    window = se.Window(lags=about["lags"], delay=delay)
+    noise, offsets = se.Noise(covariance=0.01 * np.eye(2)), about.get("intercept", False)
+    model = se.identify(data, noise=noise, window=window, intercept=offsets, checks=False)
+    source = source_of(model, model.region(0.05))
+    for length in (300, 1400):
+        watch, at = source.watch(promise=1e4), int(rng.integers(length - 150, length - 80))
+        rows = np.hstack(calls(rng, length, at))
+        rows[tuple(rng.integers(0, rows.shape, (20, 2)).T)] = np.nan
+        assert watch.onset(0.05) is None
+        k = -1
+        while watch.now[3] is None:
+            k += 1
+            watch.step(rows[k, :2], rows[k, 2:])
+        own = rows[: k + 1]
+        known = source.region, source.noise, source.pairs
+        for level in (0.05, 0.3):
+            wanted = onset(own, 2, known, level, fill, **about)
+            before = k + 1 - min(k + 1, 1000)
+            assert watch.onset(level) == [before + 1.0 + place for place in wanted]
+        found.append((watch.onset(0.05)[0] <= at + 2 + delay <= watch.onset(0.05)[1], k > 1000))
+        recent = own[-1000:, 2:]
+        np.testing.assert_allclose(watch.acting(), np.sqrt(np.nanmean(recent**2, axis=0)))
+        other = source.watch(promise=1e4)
+        other.resume(watch.state())
+        assert other.onset(0.05) == watch.onset(0.05)
+        watch.clear()
+        assert watch.onset(0.05) is None
+    assert found[1] == (True, True)
+
+
 def test_without_a_pair_the_onset_cannot_be_told():
-    source = source_of(made("one")[2], made("one")[2].region(0.05))
-    assert onset_of(source, np.full((5, 2), np.nan), [0], 0.05) is None
+    """An alarm in the first call after the last one was seen: its pair began before that."""
+    model = made("one")[2]
+    watch = source_of(model, model.region(0.05)).watch(promise=2.0)
+    while watch.now[3] is None:
+        watch.step(np.array([50.0]), np.array([0.0]))
+    assert watch.onset(0.05) is not None
+    watch.clear()
+    watch.step(np.array([50.0]), np.array([0.0]))
+    assert watch.now[3] is not None
+    assert watch.onset(0.05) is None
 
 
 def test_pairs_at_rest_tell_nothing_of_single_effects():

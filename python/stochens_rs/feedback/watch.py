@@ -15,7 +15,7 @@ from .._base.names import Labels
 from .._base.records import SavedRecord
 from .._base.types import ArrayLike, Axes, Floats, Self
 from ..exceptions import InputError
-from ..identification.changes import Changes, Predictor, onset_of
+from ..identification.changes import Changes, Predictor
 from ..plots.lines import draw_evidence
 
 WatchStatus: TypeAlias = Literal["quiet", "alarm", "blind", "skipping"]
@@ -25,7 +25,6 @@ CREDIBLE = 0.95
 HISTORY = 10_000  # calls whose evidence is drawn
 LOST = 20  # calls in a row in which something is missing, so that it is no chance
 OTHERWISE = 3.0  # times the size in the logs, or parts of it, where one that is not linear differs
-RECENT = 1_000  # calls before an alarm in which its onset is looked for
 FIXED = ("proof", "promise", "law", "moving")  # what a watch is made of
 
 
@@ -96,12 +95,7 @@ class Watch(Durable):
         self._next = np.full(len(self._source.window.inputs), np.nan)
         self._loop: Any = None
         self._lost = np.zeros(sum(map(len, self.names)), dtype=int)
-        self._begin()
-
-    def _begin(self) -> None:
-        """Forget the calls before an alarm."""
-        self._recent: deque[Floats] = deque(maxlen=RECENT)
-        self._onset: tuple[float, float] | None = None
+        self._onset: list[float] | None = None
 
     def __call__(self, y: ArrayLike, u: ArrayLike, *, applied: ArrayLike | None = None) -> Watched:
         """Look at one step.
@@ -145,8 +139,6 @@ class Watch(Durable):
         return f"nothing is watched: {sum(self.names, ())[i]} is missing for {self._lost[i]} calls"
 
     def _step(self, read: Floats, acted: Floats) -> tuple[str, float, int]:
-        if self._core.now[3] is None:
-            self._recent.append(np.concatenate([read, acted]))
         self._lost = np.where(np.isfinite(np.concatenate([read, acted])), 0, self._lost + 1)
         found: tuple[str, float, int] = self._core.step(read, acted)
         return found
@@ -196,13 +188,9 @@ class Watch(Durable):
         nothing is known of the time beforehand; of the last 1000 calls. None without an alarm, or
         where each row has a region of its own.
         """
-        first = self._core.now[3]
-        if first is not None and self._onset is None and self._recent:
-            before = first[0] - len(self._recent) + 1.0
-            rows = self._core.rows
-            found = onset_of(self._source, np.array(self._recent), rows, 1.0 - CREDIBLE)
-            self._onset = found and (before + found[0], before + found[1])
-        return self._onset
+        if self._onset is None:  # found once for each alarm
+            self._onset = self._core.onset(1.0 - CREDIBLE)
+        return None if self._onset is None else (self._onset[0], self._onset[1])
 
     @property
     def alarm(self) -> str | None:
@@ -210,7 +198,7 @@ class Watch(Durable):
         first = self._core.now[3]
         if first is None:
             return None
-        call, _, part, direction, column, fell = first
+        call, part, direction, column, fell = first
         what = "a change of several effects" if part == 4 else "the noise is larger than its bound"
         if part < 3:
             name = self._name(direction, column)
@@ -226,11 +214,8 @@ class Watch(Durable):
     def _elsewhere(self) -> str:
         """Which inputs moved otherwise before an alarm than in the logs, if one did."""
         own, found = self._source.window, []
-        acted = np.array(self._recent).reshape(len(self._recent), -1)[:, len(own.outputs) :]
         logged = self._source.sizes[own.count * len(own.outputs) :]
-        with np.errstate(all="ignore"):
-            sizes = np.sqrt(np.nanmean(np.square(acted), axis=0)) if len(acted) else []
-        for name, now, before in zip(own.inputs, sizes, logged, strict=False):
+        for name, now, before in zip(own.inputs, self._core.acting(), logged, strict=False):
             if now > OTHERWISE * before or OTHERWISE * now < before:
                 found.append(f"{name} was of {now:.3g}, in the logs of {before:.3g}")
         return f"; or the plant is not linear: {show.listed(found)} (rms)" if found else ""
@@ -393,7 +378,7 @@ class Watch(Durable):
         (True, 'undetermined')
         """
         self._core.clear()
-        self._begin()
+        self._onset = None
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Draw the evidence over the last calls, with the threshold.
@@ -435,9 +420,7 @@ class Watch(Durable):
     def __getstate__(self) -> dict[str, Any]:
         own = {name: getattr(self, name) for name in FIXED}
         history, state = np.array(self.history), self._core.state()
-        recent = np.array(self._recent).reshape(len(self._recent), sum(map(len, self.names)))
-        now = {"history": history, "next": self._next, "recent": recent}
-        now["lost"] = self._lost
+        now = {"history": history, "next": self._next, "lost": self._lost}
         return {**own, "state": state, **now}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -445,7 +428,6 @@ class Watch(Durable):
         self._core.resume(state["state"])
         self._next = np.array(state["next"])
         self.history.extend(state["history"].tolist())
-        self._recent.extend(np.array(state["recent"]))
         self._lost = np.array(state["lost"])
 
     def _to_sections(self) -> dict[str, Any]:

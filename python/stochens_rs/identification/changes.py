@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -21,9 +20,6 @@ from .window import Loop, Regressors, of_names, rows_of
 
 ChangeStatus: TypeAlias = Literal["refuted", "not refuted", "too few pairs"]
 LITTLE = "little excited, the sign of its effect is not determined"
-SIZES = (5.0, 50.0, 500.0)  # pairs whose noise is as large as a change, as in the core
-SCALES = (1.0, 1.2, 1.5, 3.0, 8.0, 20.0)  # how many times louder the noise may be
-TRUST = 0.5  # the power of a likelihood whose law is not exactly that of the noise
 SHARE = 0.01  # of the probability, for a bound of a covariance that the region does not have
 
 
@@ -137,60 +133,6 @@ class Predictor(SavedRecord):
         below = np.zeros((p, ABc.shape[1]))
         below[:, n : n + p] = np.eye(p) - self.bias
         return Loop(np.ascontiguousarray(J), np.vstack([ABc, below]), np.vstack([G, self.bias]))
-
-
-def onset_of(source: Predictor, calls: Floats, rows: list[int], level: float) -> Any:
-    """Between which calls a change began, by the readings and the inputs that had acted then.
-
-    By the root of the likelihood of one change of the coefficients that stays, with `level` left
-    out on both sides together: before it they are of the region as a Gaussian one, behind it within
-    the noise of 5, 50 or 500 pairs, with noise as before or louder. None where no pair is complete,
-    or the rows have regions of their own.
-    """
-    (part, *more), p, window = source.region.parts, len(source.window.outputs), source.window
-    z, y = [], []
-    at: list[int] = []
-    read, acted = (np.isfinite(one).all(axis=1) for one in np.split(calls, [p], axis=1))
-    whole = np.array(read, dtype=bool)
-    follows = whole & acted & np.array([False, *whole[:-1]])
-    starts = np.flatnonzero(whole & ~follows)
-    for first in starts:
-        piece = calls[first : first + 1 + int(np.argmin([*follows[first + 1 :], False]))]
-        if len(piece) > window.burn + window.count:
-            data = Trajectories([piece[:, :p]], [piece[1:, p:]], outputs=True)
-            pairs = rows_of(window, data)[1]
-            z.append(pairs[:, : window.length])
-            y.append(pairs[:, window.length :])
-            at += range(first + len(piece) - len(pairs), first + len(piece))
-    if not at or more or source.noise is None:
-        return None
-    x, off = np.vstack(z), np.vstack(y) - np.vstack(z) @ source.region.centre.T
-    root = np.linalg.cholesky(source.noise[np.ix_(rows, rows)])
-    x, e = x[:, part.columns] @ part.white.T, np.linalg.solve(root, off[:, rows].T).T
-    behind = [_likelihood(x[::-1], e[::-1], source.pairs / one, SCALES) for one in SIZES]
-    total = _likelihood(x, e, 1.0, [1.0])[0] + np.logaddexp.reduce(np.vstack(behind))[::-1]
-    total = total[:-1]
-    share = np.cumsum(np.exp(TRUST * (total - total.max())))
-    ends = np.searchsorted(share / share[-1], [level / 2.0, 1.0 - level / 2.0])
-    return at[ends[0]], at[min(int(ends[1]), len(at) - 1)]
-
-
-def _likelihood(x: Floats, e: Floats, size: float, scales: Sequence[float]) -> Floats:
-    """Logarithms of the density of the first 0, 1, .. rows of ``e = c (B x + w)``, B of this size.
-
-    A row for each c.
-    """
-    K, B = size * np.eye(x.shape[1]), np.zeros((x.shape[1], e.shape[1]))
-    logs, squares, n = [0.0], [0.0], e.shape[1]
-    for row, one in zip(x, e, strict=True):
-        g, off = K @ row, one - row @ B
-        v = 1.0 + row @ g
-        logs.append(logs[-1] + n * np.log(v))
-        squares.append(squares[-1] + off @ off / v)
-        K, B = K - np.outer(g, g / v), B + np.outer(g, off / v)
-    steps, c = n * np.arange(len(logs)), np.array(scales)[:, None]
-    found: Floats = -0.5 * (np.array(logs) + np.array(squares) / c**2) - steps * np.log(c)
-    return found
 
 
 def source_of(

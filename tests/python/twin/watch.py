@@ -2,8 +2,14 @@
 
 import numpy as np
 
+from . import windows
+
 SHIFTS, SMALL, BLOCKS = (0.15, 0.5, 1.5, 5.0), 2, (8, 64)
 SHARES = (0.05, 0.2, 0.5, 0.9)
+RECENT = 1000  # calls before an alarm
+SIZES = (5.0, 50.0, 500.0)  # pairs whose noise is as large as a change
+SCALES = np.array([1.0, 1.2, 1.5, 3.0, 8.0, 20.0])  # how many times louder the noise may be
+TRUST = 0.5  # the power of the likelihood
 
 
 def phi(t):
@@ -80,3 +86,52 @@ def block(pairs, along, j, s, size, W, d, moving):
     if moving:
         return log
     return log - s * size * np.linalg.norm(drift) - s * s / 8.0 * squares
+
+
+def onset(calls, p, about, level, fill, **window):
+    """Places in `calls`, (y, inputs that had acted), between which a change began.
+
+    `about`: a region, the covariance of the noise, and the pairs they are from; the window is full
+    after `fill` steps. Before a change the coefficients are of the region as a Gaussian one, behind
+    it within the noise of 5, 50 or 500 pairs.
+    """
+    calls, (region, noise, pairs) = calls[-RECENT:], about
+    z, y, at = [], [], []
+    read, acted = (np.isfinite(one).all(axis=1) for one in np.split(calls, [p], axis=1))
+    begin = 0
+    for t in range(1, len(calls)):
+        if not (read[t - 1] and read[t] and acted[t]):
+            begin = t
+        elif t - 1 - begin >= fill:
+            piece = calls[begin : t + 1]
+            z.append(windows.rows(piece[:, :p], piece[1:, p:], t - 1 - begin, **window))
+            y.append(calls[t, :p])
+            at.append(t)
+    if not at:
+        return None
+    (part,) = region.parts
+    off = np.array(y) - np.array(z) @ region.centre.T
+    x = np.array(z)[:, part.columns] @ part.white.T
+    e = np.linalg.solve(np.linalg.cholesky(noise), off.T).T
+    behind = [likelihood(x[::-1], e[::-1], pairs / one, SCALES) for one in SIZES]
+    total = likelihood(x, e, 1.0, np.ones(1))[0] + np.logaddexp.reduce(np.vstack(behind))[::-1]
+    share = np.cumsum(np.exp(TRUST * (total[:-1] - total[:-1].max())))
+    first, last = np.searchsorted(share / share[-1], [level / 2.0, 1.0 - level / 2.0])
+    return at[first], at[min(int(last), len(at) - 1)]
+
+
+def likelihood(x, e, size, scales):
+    """Logarithms of the density of the first 0, 1, .. rows of ``e = c (B x + w)``, B of this size.
+
+    A row for each c.
+    """
+    K, B = size * np.eye(x.shape[1]), np.zeros((x.shape[1], e.shape[1]))
+    logs, squares, n = [0.0], [0.0], e.shape[1]
+    for row, one in zip(x, e, strict=True):
+        g, off = K @ row, one - row @ B
+        v = 1.0 + row @ g
+        logs.append(logs[-1] + n * np.log(v))
+        squares.append(squares[-1] + off @ off / v)
+        K, B = K - np.outer(g, g / v), B + np.outer(g, off / v)
+    steps, c = n * np.arange(len(logs)), scales[:, None]
+    return -0.5 * (np.array(logs) + np.array(squares) / c**2) - steps * np.log(c)

@@ -5,7 +5,8 @@
 typedef struct {
     double level;       /* the evidence now: an alarm at @_alarm_threshold */
     double alarms;      /* how many there were */
-    double calls, alarm; /* all calls, and the first one with an alarm since it was last set to 0 */
+    double calls, alarm; /* all calls, and the first one with an alarm since it was last set to 0; when the change
+                            began cannot be told here: that needs the calls before it, see `Watch.onset` */
     double pairs, starts[3], since, idle, skipped;
     double x[$_ALARM_STATES], first[$_ALARM_P], z[$_ALARM_D];
     double evidence[$_ALARM_ALL], estimates[2 * $_ALARM_ROWS * $_ALARM_D];

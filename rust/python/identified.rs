@@ -51,6 +51,7 @@ getters! {
         estimate: PyEstimate = |own| PyEstimate(Arc::clone(&own.0.estimate));
         parts: Option<[PyEstimate; 2]> = |own| own.0.parts.clone().map(|parts| parts.map(PyEstimate));
         plain: PyFitted = |own| PyFitted(Arc::clone(&own.0.plain));
+        later: bool = |own| own.0.later;
         tests<'py>: PyResult<Vec<Tested<'py>>> = |own, py| handed(py, &own.0.tests);
     }
 

@@ -3,9 +3,11 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::log_tests::{Declarations, Log, log_tests};
+use super::far_cells::far_cells;
+use super::log_tests::{Declarations, LEVEL, Log, log_tests, put};
 use super::order::Past;
 use super::past::window;
+use super::rivals::{later, overfitted};
 use super::{Kind, Window};
 use crate::Key;
 use crate::error::{Error, Result};
@@ -38,6 +40,8 @@ pub struct Identified {
     pub plain: Arc<Fitted>,
     /// The tests of the log.
     pub tests: Vec<Test>,
+    /// Whether inputs that act as late as the test "dead time" says, and not earlier, leave smaller residuals.
+    pub later: bool,
     /// Of the residuals, see [`residual_checks`].
     pub checks: Option<[[f64; STATISTICS]; 2]>,
 }
@@ -75,6 +79,12 @@ impl Identified {
                 Some(asked) if asked > before(first) => first = if plain { asked } else { at[asked] },
                 Some(_) => {}
             }
+        }
+        if let Some(chosen) = found
+            && overfitted(&log, &window, chosen, first, stop)?
+        {
+            let of = Declarations { past: Past::Chosen(false), ..*of };
+            return Self::new(&of, known, made, simulated, threads, stop);
         }
         let (head, own) = rows.split_at(before(first) * width);
         if own.is_empty() {
@@ -114,8 +124,16 @@ impl Identified {
         if of.windowed && tests.iter().all(|test| test.name != "spikes") {
             spikes(of, &window, first, &mut tests, (threads, stop))?;
         }
+        if let Some(test) = far_cells(&of.whole.unwrap_or(log))? {
+            put(&mut tests, test)?;
+        }
+        let late = tests.iter().find(|test| test.name == "dead time" && test.p_value <= LEVEL);
+        let later = match late.and_then(|test| test.at.first()).filter(|lag| of.read && **lag >= window.delay()) {
+            Some(lag) => later(&log, &window, *lag, first, &plain, stop)?,
+            None => false,
+        };
         let unit = sized && !of.scaled;
-        Ok(Self { window, found, first, unit, size, estimate, parts, plain, tests, checks })
+        Ok(Self { window, found, first, unit, size, estimate, parts, plain, tests, later, checks })
     }
 }
 

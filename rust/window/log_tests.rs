@@ -9,7 +9,7 @@ use crate::parallel::Stop;
 
 const WHAT: &str = "the tests of a log";
 /// Of each test: together below 0.01.
-const LEVEL: f64 = 5e-4;
+pub(super) const LEVEL: f64 = 5e-4;
 /// Times what rounding may change: residuals that are noise.
 const CLEAR: f64 = 100.0;
 /// Share that late inputs explain at least, and that a good window leaves at most.
@@ -230,7 +230,7 @@ fn take(found: &mut Vec<Test>, name: &str) -> Option<Test> {
 }
 
 /// In place of what has its name.
-fn put(found: &mut Vec<Test>, test: Test) -> Result<()> {
+pub(super) fn put(found: &mut Vec<Test>, test: Test) -> Result<()> {
     take(found, test.name);
     try_push(WHAT, found, test)
 }

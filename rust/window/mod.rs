@@ -10,6 +10,7 @@
 //! `tests/python/twin/windows.py`.
 
 mod burn;
+mod far_cells;
 mod filter;
 mod identified;
 mod linear;
@@ -17,6 +18,7 @@ mod log_tests;
 mod order;
 mod past;
 mod rest;
+mod rivals;
 mod shape;
 mod workspace;
 

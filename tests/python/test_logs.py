@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
-from stochens_rs.identification import checks as tests
+from twin.battery import far_cells
 
 LOGS = Path(__file__).parents[2] / "docs" / "data" / "logs"
 RIG = {"states": ["position", "angle", "speed", "rate"], "inputs": ["force"], "time": "time"}
@@ -430,6 +430,7 @@ def test_any_reading_far_from_all_others_is_named():
     assert "at 0.5 s of data[0] (pos = 150)" in readings((0, 1, 0), 150.0).doubts[0]
 
 
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 def test_impulses_and_what_follows_them_are_no_codes():
     impulse = 0.001 * np.sin(np.arange(60.0))
     impulse[20] = 50.0
@@ -437,10 +438,41 @@ def test_impulses_and_what_follows_them_are_no_codes():
     fast = 0.01 * np.random.default_rng(2).standard_normal((8, 61, 1))
     fast[0, 21] += 50.0
     inputs = np.tile(0.001 * np.sin(np.arange(60.0))[:, None], (8, 1, 1))
-    assert tests.far_cells(se.Trajectories(list(fast), list(inputs), outputs=True))
+    assert far_of(fast, inputs) == ([21], [0])
     inputs[0, 20] = 50.0
-    assert not tests.far_cells(se.Trajectories(list(fast), list(inputs), outputs=True))
+    assert far_of(fast, inputs) == ([], [])
     assert "spikes" not in readings().tests
+
+
+def far_of(y, u, **about):
+    """Pairs and columns of far cells."""
+    data = se.Trajectories(list(y), list(u), outputs=True)
+    model = se.identify(data, window=se.Window(lags=1), checks=False, **about)
+    found = model._tested.get("spikes")
+    if found is None or not len(found.each):  # only cells have columns
+        return [], []
+    return found.at.tolist(), found.each.astype(int).tolist()
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize("n", [1, 2])
+def test_far_cells_are_those_of_the_plain_twin(n):
+    """Codes, readings and pulses anywhere, of columns of numbers and of many equal ones."""
+    gen, some = np.random.default_rng(n), 0
+    values = [999.0, -9999.0, 32767.0, 1e30, 30.0, 12.0, 1.0]
+    for seed in range(60):
+        runs, steps = int(gen.integers(2, 7)), int(gen.integers(20, 60))
+        y, u = gen.standard_normal((runs, steps + 1, n)), gen.standard_normal((runs, steps, 2))
+        if seed % 3 == 0:
+            y, u = y.round(), u.round()
+        for _ in range(gen.integers(0, 4)):
+            one = y if gen.random() < 0.6 else u
+            one[tuple(gen.integers(0, one.shape))] = gen.choice(values)
+        cells = np.concatenate([y[:, :-1], u], axis=2).reshape(-1, n + 2)
+        wanted = far_cells(cells, n, np.tile(np.arange(steps), runs))
+        assert far_of(y, u) == wanted
+        some += bool(wanted[0])
+    assert 15 < some < 55
 
 
 @pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")

@@ -7,8 +7,6 @@ finds makes every certificate infinite, unless its name is in `accept` of `ident
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +18,6 @@ from .._base.types import Floats, NDArray
 from ..exceptions import InputError
 from ..rng import as_key
 from .assumptions import FAULTS, Assumptions
-from .window import rows_of
 
 
 def tested_rows(assumed: Assumptions, known: Floats | None, n: int) -> list[int]:
@@ -258,58 +255,6 @@ def _in_tail(name: str, test: Tested, tail: float) -> bool:
     return tail > 0.0 and name in ("memory", "dead time") and bool(most <= 1.5 * tail)
 
 
-CODES = [s * (10.0**k - 1.0) for k in range(3, 9) for s in (1, -1)] + [32767, -32768, 65535, 1e30]
-#: How far a cell is from the median, over the farthest of the others: of codes, and of readings.
-FAR_CODE, FAR_READING, MOST_FAR = 2.0, 10.0, 0.01
-
-
-def far_cells(data: Any) -> dict[str, Tested]:
-    """Cells far from all others of their columns: codes of a missing value, or errors of reading.
-
-    The tests of the core look at residuals, of which one such cell spoils the scale; in the rows
-    that fill windows and those that tell the scale of a region it has none.
-    """
-    data = data if data.whole is None else data.whole  # of last pairs the pairs of all runs
-    cells = data.rows[:, : data.n + data.m]
-    away = np.abs(cells - np.median(cells, axis=0))
-    count = max(1, int(MOST_FAR * len(cells)))
-    found: list[tuple[int, int]] = []
-    pulses = False
-    for j in reversed(range(data.n + data.m)):  # inputs first: a reading may follow a pulse
-        largest = np.sort(away[:, j])[::-1][: count + 1]
-        for own, following in pairwise(largest):
-            at = np.flatnonzero(away[:, j] >= own)
-            code = cells[at[0], j] in CODES and bool((cells[at, j] == cells[at[0], j]).all())
-            if own <= (FAR_CODE if code else FAR_READING) * following:
-                continue
-            begins = (data.layout.places()[at] == 0).any() or following == 0.0
-            if code or (j < data.n and not begins and not pulses):
-                found += [(int(t), j) for t in at]
-            pulses |= j >= data.n
-            break
-    if not found:
-        return {}
-    at, columns = np.array(sorted(found)).T
-    return {"spikes": Tested(0.0, len(at) / len(cells), at, columns.astype(np.float64))}
-
-
-def _late(model: Any, lag: int) -> bool:
-    """Whether inputs that act so late alone leave smaller residuals than those of the window."""
-    own, data, fitted = model.window, model.data, model.core.plain
-    window = replace(own, delay=lag)
-    try:
-        rows = rows_of(window, data, model.first)[1]
-    except InputError:  # pieces are too short
-        return False
-    d, n = window.length, model.n_outputs
-    if len(rows) <= d + n:
-        return False
-    found = np.linalg.lstsq(rows[:, :d], rows[:, d:], rcond=None)[0]
-    errors = rows[:, d:] - rows[:, :d] @ found
-    later, now = errors.T @ errors / len(rows), fitted.S / fitted.N
-    return bool(np.linalg.slogdet(later)[1] < np.linalg.slogdet(now)[1])
-
-
 def _dead(data: Any) -> str:
     """Which runs never change, as of a rig that was off, in words."""
     runs = data.layout.runs()
@@ -358,7 +303,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         key = "short"
     elif window is not None and name == "dead time" and first < window.delay:
         key = "delay"
-    elif read and name == "dead time" and not _late(model, first):
+    elif read and name == "dead time" and not model.core.later:
         key = "reach"
     delay = f", delay={window.delay}" if window is not None and window.delay else ""
     longer = f"Window(lags={first + 1 - (window.delay if window else 0)}{delay})"

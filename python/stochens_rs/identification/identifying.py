@@ -21,7 +21,7 @@ from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
 from .identified import Identified
 from .model import Model, Past, identified, require_fit
 from .pilot import after, made, split
-from .window import of_names, overfitted, regressors_of, spread
+from .window import of_names, regressors_of, spread
 
 
 def declared_past(runs: Trajectories, asked: Window) -> tuple[Past, bool]:
@@ -177,8 +177,6 @@ def identify(
     by = (tests.DRAWS, bytes(tests.KEY), tests.WORK) if validation.flag("checks", checks) else None
     about = assumed, sizes is not None, offset, entries, guided is not None
     found = identified(runs, past, *about, windowed, asked.delays, simulated=by)
-    if windowed and overfitted(found, runs, offset):
-        found = identified(runs, False, *about, windowed, asked.delays, simulated=by)
     regressors = regressors_of(found, runs, offset) if windowed else None
     if regressors is not None:
         sizes = np.ones(regressors.length) if found.unit else spread(regressors, sizes)

@@ -354,7 +354,7 @@ class Model(SavedRecord, Fitted):
 
     @cached_property
     def _tested(self) -> dict[str, Tested]:
-        return tests.by_name(self.core.tests) | tests.far_cells(self.data)
+        return tests.by_name(self.core.tests)
 
     @property
     def _tested_rows(self) -> list[int]:

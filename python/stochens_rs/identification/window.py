@@ -15,8 +15,6 @@ from ..data.trajectories import Trajectories, in_order
 from ..exceptions import InputError
 
 FASTER = "a smaller pole, or Window(lags='auto')"
-#: Lags that filters are compared with, and the ratio of the errors from which on lags are taken.
-SHORT, WORSE = (2, 4, 8), 2.0
 
 
 class Stretch(NamedTuple):
@@ -297,34 +295,6 @@ def regressors_of(found: _core.Identified, data: Trajectories, intercept: bool) 
     own, names = found.window, (data.state_names, data.input_names)
     burn, count = 0 if own.pole is None else own.fill - own.delay, own.count
     return trusted(Regressors, *names, count, own.pole, own.delay, intercept, burn, found.found)
-
-
-def overfitted(found: _core.Identified, data: Trajectories, intercept: bool) -> bool:
-    """Whether filters that the first pairs chose predict the last quarter of these much worse.
-
-    Fitted to those before, as are the lags that they are compared with. A criterion counts
-    unknowns, while slow filters of a short log follow whatever went on in it.
-    """
-    own = found.window
-    if found.found is None or own.pole is None:
-        return False
-    beside = own.delay, intercept
-    chosen = _core.Window(data.n, data.m, found.found, own.pole, *beside, own.fill - own.delay)
-    count = len(chosen.rows(data.rows, data.layout, found.first)[0]) // 4
-
-    def size(window: _core.Window) -> float:
-        """The size of the errors of all outputs, in their units; inf where nothing is fitted."""
-        rows, d = window.rows(data.rows, data.layout, found.first)[0], window.length
-        if count <= data.n or len(rows) < count + 2 * d:
-            return np.inf
-        fitted = np.linalg.lstsq(rows[:-count, :d], rows[:-count, d:], rcond=None)[0]
-        errors = rows[-count:, d:] - rows[-count:, :d] @ fitted
-        root = np.linalg.slogdet(errors.T @ errors / count)[1] / (2 * data.n)
-        return float(np.exp(root))
-
-    tried = [short for short in SHORT if short <= own.fill - own.delay]
-    lags = [size(_core.Window(data.n, data.m, short, None, *beside)) for short in tried]
-    return WORSE * min(lags, default=np.inf) < size(chosen) < np.inf
 
 
 def rows_of(window: Regressors, data: Trajectories, first: int = 0) -> tuple[Floats, Floats]:

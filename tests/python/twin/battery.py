@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy import stats
+
+CODES = [s * (10.0**k - 1.0) for k in range(3, 9) for s in (1, -1)] + [32767, -32768, 65535, 1e30]
 
 
 def left(Y, Z):
@@ -76,3 +80,27 @@ def tests(x, u, y, places, runs):
         "change": min(1.0, 2 * min(half, len(own) * min(own))),
         "drift": wilks(y, Z, Z * places[:, None])[0],
     }
+
+
+def far_cells(cells, n, places):
+    """Pairs and columns of cells far from all others of their columns, of n readings and inputs.
+
+    How far from the median, over the farthest of the others: 2 for codes, 10 for readings.
+    """
+    away = np.abs(cells - np.median(cells, axis=0))
+    count = max(1, len(cells) // 100)
+    found = []
+    pulses = False
+    for j in reversed(range(cells.shape[1])):  # inputs first: a reading may follow a pulse
+        largest = np.sort(away[:, j])[::-1][: count + 1]
+        for own, following in pairwise(largest):
+            at = np.flatnonzero(away[:, j] >= own)
+            code = cells[at[0], j] in CODES and bool((cells[at, j] == cells[at[0], j]).all())
+            if own <= (2.0 if code else 10.0) * following:
+                continue
+            begins = (places[at] == 0).any() or following == 0.0
+            if code or (j < n and not begins and not pulses):
+                found += [(int(t), j) for t in at]
+            pulses |= j >= n
+            break
+    return [t for t, _ in sorted(found)], [j for _, j in sorted(found)]

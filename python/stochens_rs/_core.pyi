@@ -1056,6 +1056,10 @@ def feedback_gain(
     a: _Floats, b: _Floats, q: _Floats, r: _Floats, states: Sequence[str] | None = None
 ) -> _Gain: ...
 def widest_gain(region: Region) -> _Gain: ...
+
+# of the first p rows by data: the largest state of a mode that no input is seen to move, and how
+# many times as large it is after a step
+def unmoved(region: Region, p: int) -> tuple[int, float] | None: ...
 def guaranteed_gain(
     region: Region,
     q: _Floats,

@@ -50,6 +50,7 @@ mod saved;
 mod scalings;
 mod spectrum;
 mod tube;
+mod unmoved;
 mod verify;
 mod way;
 
@@ -63,6 +64,7 @@ pub use margins::{Margin, Margins};
 pub use preview::Preview;
 pub use rounding::Filters;
 pub use tube::{Run, Tube};
+pub use unmoved::unmoved;
 
 #[cfg(test)]
 mod tests;

@@ -367,6 +367,13 @@ pub(super) fn loop_eigenvalues<'py>(
     complex(py, &feedback::eigenvalues(view("A", &a)?, view("B", &b)?, view("K", &k)?)?)
 }
 
+/// The largest state of a mode that does not decay and that no input is seen to move, and how it grows; of `p` rows by data.
+#[pyfunction]
+pub(super) fn unmoved(py: Python<'_>, region: &Bound<'_, PyRegion>, p: usize) -> PyResult<Option<(usize, f64)>> {
+    let region = &region.get().0;
+    run(py, 1e6, |_| feedback::unmoved(region, p))
+}
+
 /// The gain with the widest margin in a region.
 #[pyfunction]
 pub(super) fn widest_gain<'py>(py: Python<'py>, region: &Bound<'_, PyRegion>) -> PyResult<FoundGain<'py>> {

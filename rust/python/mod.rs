@@ -57,7 +57,8 @@ mod _core {
     use super::estimate::{PyEstimate, mixtures};
     #[pymodule_export]
     use super::feedback::{
-        PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, preview, widest_gain,
+        PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, preview, unmoved,
+        widest_gain,
     };
     #[pymodule_export]
     use super::fitted::{PyFitted, fit};

@@ -10,9 +10,11 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
+from stochens_rs import _core
 from stochens_rs.exceptions import SolverError
 from stochens_rs.feedback.certificate import judged, unmoved
 from stochens_rs.identification.model import in_states
+from twin.feedback import unmoved as twin_unmoved
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 
@@ -95,6 +97,26 @@ def test_complex_modes_are_looked_at_in_both_parts():
     why = unmoved(model_of(turn, 30, False, B=0.0 * B), 0.05)
     assert why is not None
     assert "1.03 times as large" in why
+
+
+@pytest.mark.parametrize("outputs", [False, True])
+def test_unmoved_modes_are_those_of_the_plain_twin(outputs):
+    """The fastest of them; also of complex ones, and of small effects of the input."""
+    rng, verdicts = np.random.default_rng(3), []
+    for seed in range(sets(60, 12)):
+        A = rng.standard_normal((2, 2)) * [[1.0, 1.0], [rng.integers(0, 2), 1.0]]
+        A *= rng.uniform(0.9, 1.08) / np.abs(np.linalg.eigvals(A)).max()
+        effect = rng.choice([0.0, 1e-3, 0.3], (2, 1))
+        model = model_of(A, 12, outputs, seed, effect)
+        region, rows = in_states(model, model.region(0.05)), model.n_outputs
+        modes, found = twin_unmoved(region, rows), _core.unmoved(region.core, rows)
+        assert (found is None) == (not modes)
+        if found is not None:
+            most = max(grown for _, grown in modes)
+            assert found[1] == pytest.approx(most, rel=1e-9)
+            assert found[0] in [state for state, grown in modes if grown > most - 1e-9]
+        verdicts.append(found is None)
+    assert 0 < sum(verdicts) < len(verdicts)
 
 
 def test_too_few_logs_say_how_many_more():

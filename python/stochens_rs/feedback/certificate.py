@@ -990,31 +990,17 @@ def more_logs(model: Identified | None, delta: float, holds: Callable[[Region], 
 
 
 def unmoved(model: Identified, delta: float) -> str | None:
-    """A mode that does not decay, and of which no input is seen to move it in this region.
-
-    ``w'(A - L I) = 0``, w_p the part of the p rows that were identified, and x_j how the rest of
-    the window follows an input ``e_j L^t``: the mode is moved by ``w_p'(A_p x_j + B_p e_j)``, which
-    the region knows up to ``||w_p|| ||(Theta - C)(x_j, e_j)||``.
-    """
+    """A mode that does not decay, and of which no input is seen to move it in this region."""
     if not isinstance(model, Model) or model.misfit is not None:
         return None
-    (n, m), p = model.B.shape, model.n_outputs if model.window is not None else model.n
-    region, rows = in_states(model, model.region(delta)), np.arange(n) < p
-    values, left = np.linalg.eig(model.A.T)
-    shift, own = (np.where(rows[:, None], 0.0, M) for M in (model.A, model.B))
-    for k in np.flatnonzero(np.abs(values) >= 1.0):
-        w = left[:p, k]
-        x = np.linalg.solve(values[k] * np.eye(n) - shift, own)
-        moved = np.abs(w @ (model.A[:p] @ x + model.B[:p]))
-        parts = [(x.real, np.eye(m)), (x.imag, np.zeros((m, m)))]
-        off = sum(np.array([region.bound(a[:, j], u[:, j]) for j in range(m)]) for a, u in parts)
-        if (moved <= np.linalg.norm(w) * off).all():
-            name = model.labels.states[int(np.argmax(np.abs(w)))]
-            return (
-                f"{name} has a part that is {np.abs(values[k]):.3g} times as large after a step, "
-                "and the data do not show that an input moves it: more data, or another input"
-            )
-    return None
+    rows = model.n if model.window is None else model.n_outputs  # those that were identified
+    found = _core.unmoved(in_states(model, model.region(delta)).core, rows)
+    if found is None:
+        return None
+    return (
+        f"{model.labels.states[found[0]]} has a part that is {found[1]:.3g} times as large after a "
+        "step, and the data do not show that an input moves it: more data, or another input"
+    )
 
 
 def _no_effect(region: Region, K: Floats, model: Identified) -> str | None:

@@ -228,14 +228,14 @@ def split(
 def after(first: Trajectories, main: Trajectories, window: Regressors, asked: Pilot) -> PilotModel:
     """The pilot of runs whose pairs are weighted after their past."""
     rows, d = rows_of(window, first)[1], window.length
-    root = np.linalg.qr(rows[:, :d], mode="r") / np.sqrt(max(len(rows), 1))
-    sizes = np.linalg.norm(root, axis=0)
-    if len(rows) < 2 * d or np.linalg.cond(root / np.where(sizes > 0.0, sizes, 1.0)) > 1e8:
+    triangle = _core.triangle(rows, get_num_threads())
+    fitted = _core.fit(triangle, d, len(rows), get_num_threads())
+    if len(rows) < 2 * d or fitted.rank < d or fitted.ratio < 1e-8:
         raise InputError(
             f"`source` must be more runs: the first {len(first)}, {len(rows)} pairs, do not "
             f"determine the {d} coefficients of a row, which weights after the past need"
         )
-    model = np.ascontiguousarray(_core.fit(rows, d, len(rows), get_num_threads()).H)
+    model, root = np.ascontiguousarray(fitted.H), triangle[:d, :d] / np.sqrt(len(rows))
     n, start, u = len(window.loop(model).G), None, None
     if asked.reference is not None:
         if main.outputs and not hasattr(asked.reference, "predicted_states"):

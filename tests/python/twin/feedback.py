@@ -83,3 +83,26 @@ def deviation(C, W, D, G, K, plan, x0, steps):
         one = np.ones(C.shape[1] - n - m)
         x, xb = member @ np.concatenate([x, u, one]), C @ np.concatenate([xb, ub, one])
     return np.array(off)
+
+
+def unmoved(region, p):
+    """(State, growth) of the modes with ``|L| >= 1`` that no input is seen to move.
+
+    ``w'(A - L I) = 0``, w_p the part of the first p rows, and x_j how the other rows follow an
+    input ``e_j L^t``: the mode is moved by ``w_p'(A_p x_j + B_p e_j)``, which the region knows up
+    to ``||w_p|| ||(Theta - C)(x_j, e_j)||``.
+    """
+    n, m = region.n, region.m
+    A, B = region.centre[:, :n], region.centre[:, n : n + m]
+    values, left = np.linalg.eig(A.T)
+    shift, own = (np.where(np.arange(n)[:, None] < p, 0.0, M) for M in (A, B))
+    found = []
+    for k in np.flatnonzero(np.abs(values) >= 1.0):
+        w = left[:p, k]
+        x = np.linalg.solve(values[k] * np.eye(n) - shift, own)
+        moved = np.abs(w @ (A[:p] @ x + B[:p]))
+        parts = [(x.real, np.eye(m)), (x.imag, np.zeros((m, m)))]
+        off = sum(np.array([region.bound(a[:, j], u[:, j]) for j in range(m)]) for a, u in parts)
+        if (moved <= np.linalg.norm(w) * off).all():
+            found.append((int(np.argmax(np.abs(w))), float(np.abs(values[k]))))
+    return found

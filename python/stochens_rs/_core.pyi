@@ -47,6 +47,7 @@ __all__ = [
     "build",
     "certify",
     "closed_form",
+    "covariance_root",
     "diagonal_quantile",
     "drawn_bounds",
     "drawn_misses",
@@ -494,6 +495,8 @@ def diagonal_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> fl
 def trace_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
 
 # `hull` and `noise` are read by their attributes, see `fusion.fused_model`
+# root root' = S; the rounding of each row is relative to its own size
+def covariance_root(covariance: _Floats) -> _Floats: ...
 def hull_position(
     models: _Floats, t: _Floats, weights: _Floats
 ) -> tuple[_Floats, tuple[float, float, float, int, int, int, float]]: ...

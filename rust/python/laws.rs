@@ -1,9 +1,9 @@
 //! The laws of the errors of identified models: quantiles, limits, levels.
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, slice};
+use super::convert::{array1, array2, slice};
 use super::run::{UNTIL_STOPPED, run};
 use crate::identify;
 use crate::region::{CoordinateNoise, Mixture, Place, between};
@@ -90,6 +90,16 @@ impl NoiseArgument {
             (None, count) => CoordinateNoise::Rows { count, degrees: self.degrees },
         }
     }
+}
+
+/// A root of a covariance, `root root' = S`; the rounding of each row is relative to its own size.
+#[pyfunction]
+pub(super) fn covariance_root<'py>(
+    py: Python<'py>,
+    covariance: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (n, covariance) = (covariance.as_array().dim().0, slice("covariance", &covariance)?);
+    array2(py, run(py, (covariance.len() * n) as f64, |_| identify::covariance_root(covariance, n))?, n, n)
 }
 
 /// Where data t (p,) lie from models (M, p) mixed by weights (M,): the mixture, and the numbers of the `Hull` of a `FusedModel`.

@@ -57,8 +57,7 @@ mod _core {
     use super::estimate::{PyEstimate, mixtures};
     #[pymodule_export]
     use super::feedback::{
-        PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, preview, unmoved,
-        widest_gain,
+        PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, preview, unmoved, widest_gain,
     };
     #[pymodule_export]
     use super::fitted::{PyFitted, fit};
@@ -81,9 +80,9 @@ mod _core {
     use super::identify::{residual_checks, triangle, triangle_update};
     #[pymodule_export]
     use super::laws::{
-        diagonal_quantile, f_upper, hull_between, hull_explained, hull_position, hull_radius, hull_share, joint_radii,
-        least_squares_level, log_multigamma, normal_quantile, one_noise, row_quantile, roy_quantile, scalar_quantile,
-        smallest_quantile, sphere_level, trace_quantile, wishart_quantile,
+        covariance_root, diagonal_quantile, f_upper, hull_between, hull_explained, hull_position, hull_radius,
+        hull_share, joint_radii, least_squares_level, log_multigamma, normal_quantile, one_noise, row_quantile,
+        roy_quantile, scalar_quantile, smallest_quantile, sphere_level, trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
     use super::limited::BoxControl;

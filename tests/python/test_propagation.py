@@ -18,10 +18,11 @@ from declarations import opts
 from hidden_systems import KINDS, NOISES, covariance, drawn, of_each_kind
 from stochens_rs import _core
 from stochens_rs.certificates import of_model
-from stochens_rs.certificates.of_model import GaussianNoise, root_of, trajectory
+from stochens_rs.certificates.of_model import GaussianNoise, trajectory
 from twin import certified_control as cc
 from twin import laws
 from twin import triangle as tr
+from twin.regions import root_of
 
 # -- known numbers ---------------------------------------------------------------------------------
 
@@ -90,6 +91,21 @@ def test_noise_to_come_of_the_formula_data():
     assert quantile > 0.813589687566  # that of the model alone
     none = steps(4.0, 5.0, (np.zeros((2, 2)), 0.04, 0.005))
     np.testing.assert_array_equal(none[1], plain[1])
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_a_root_of_a_covariance_is_exact_in_the_units_of_each_row(n):
+    """Of all kinds of noise, also of states without any, in units far apart; as the plain twin."""
+    gen = np.random.default_rng(n)
+    for kind in ("correlated", "isotropic", "one_force"):
+        sizes = 10.0 ** gen.uniform(-12, 12, n)
+        C = np.ascontiguousarray(covariance(kind, gen, n) * sizes * sizes[:, None])
+        deviations = np.sqrt(np.diag(C))
+        one, twin = _core.covariance_root(C), root_of(C)
+        for root in (one, twin):
+            off = np.abs(root @ root.T - C)
+            assert (off <= 1e-13 * n * deviations * deviations[:, None]).all()
+    assert not _core.covariance_root(np.zeros((n, n))).any()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 12])

@@ -122,14 +122,6 @@ def trajectory(Theta: Floats, x0: Floats, u: Floats) -> Floats:
     return states(Theta[:, :n], Theta[:, n:], x0, np.hstack([u, ones]))
 
 
-def root_of(S: Floats) -> Floats:
-    """A root of S, `root root' = S`; the rounding of each row is relative to its own size."""
-    sizes = np.sqrt(np.maximum(np.diag(S), 0.0))[:, None]
-    units = np.where(sizes == 0.0, 1.0, sizes)
-    values, vectors = np.linalg.eigh(S / units / units.T)
-    return np.ascontiguousarray(sizes * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
 # Of the probability of failure with Gaussian noise to come: the region, the noise of the last
 # state, and that of earlier states. For one step the last share goes to the noise, too. Fixed
 # before the data.
@@ -261,17 +253,17 @@ def step_regions(of: Question) -> tuple[tuple[Region, ...], ToCome | None]:
         raise InputError(f"`noise` must be False: {error}") from None
     if not of.noise or kind == "region":
         return regions, None
-    n, bound = regions[0].n, regions[0].noise
+    # too few pairs for a bound of the covariance: infinite
+    n, root = regions[0].n, np.diag(np.full(regions[0].n, np.inf))
+    of_noise = regions[0].noise if kind == "Gaussian" else model.assumptions.known  # type: ignore[attr-defined]
+    if of_noise is not None:
+        root = _core.covariance_root(np.ascontiguousarray(of_noise))
     if kind == "Gaussian":
-        # too few pairs for a bound of the covariance: infinite
-        root = np.diag(np.full(n, np.inf)) if bound is None else root_of(bound)
         end = END if K > 1 else END + BEFORE
         before = BEFORE * of.delta / max(K - 1, 1)
         return regions, GaussianNoise(root, end * of.delta, before)
-    assumed: Assumptions = model.assumptions  # type: ignore[attr-defined]
-    assert assumed.known is not None
-    radius = sqrt(K) if assumed.noise == "bounded" else sqrt(K) * _core.one_noise(n, delta / K)
-    return regions, SizedNoise(radius, root_of(assumed.known))
+    bounded = model.assumptions.noise == "bounded"  # type: ignore[attr-defined]
+    return regions, SizedNoise(sqrt(K) * (1.0 if bounded else _core.one_noise(n, delta / K)), root)
 
 
 def _sharper_by_rows(of: Question, region: Region) -> bool:

@@ -217,3 +217,12 @@ def pattern_bounds(rows: Rows, z: ArrayLike) -> Array:
     z = np.asarray(z, dtype=np.float64)
     each = zip(rows.free, rows.fits, rows.quantiles, strict=True)
     return np.array([_times(np.sqrt(q * m.S[0, 0]), m, z[own]) for own, m, q in each])
+
+
+def root_of(S: ArrayLike) -> Array:
+    """A root of S, `root root' = S`; the rounding of each row is relative to its own size."""
+    S = np.asarray(S)
+    sizes = np.sqrt(np.maximum(np.diag(S), 0.0))[:, None]
+    units = np.where(sizes == 0.0, 1.0, sizes)
+    values, vectors = np.linalg.eigh(S / units / units.T)
+    return np.ascontiguousarray(sizes * vectors * np.sqrt(np.maximum(values, 0.0)))

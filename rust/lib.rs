@@ -64,6 +64,7 @@
 //! Three programs are in `examples/`: `certified_gain`, `kilohertz_loop` and `fleet`.
 
 #![deny(missing_docs, unsafe_code)]
+#![warn(missing_debug_implementations)]
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
 pub mod certificate;
@@ -78,6 +79,7 @@ pub mod identify;
 pub mod limits;
 mod matrix;
 mod memory;
+mod named;
 mod nontemporal;
 mod parallel;
 mod pod;

@@ -30,12 +30,14 @@ impl std::fmt::Debug for Stop {
 
 impl Stop {
     /// No request yet.
+    #[must_use]
     pub const fn new() -> Self {
         Self { requested: AtomicBool::new(false), watch: None }
     }
 
     /// No request yet. The current thread calls `look` in its checks, at most once in `every`; if it returns true, the
     /// stop is requested.
+    #[must_use]
     pub fn watching(every: Duration, look: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         let now = Instant::now();
         let looks = Mutex::new(Looks { at_the_clock: now, for_a_reason: now, skipped: 0 });

@@ -51,6 +51,7 @@ impl std::fmt::Debug for Key {
 
 impl Key {
     /// The key of the independent stream called `name`: `sha256("stochens child v1\0" + key + utf8(name))`.
+    #[must_use]
     pub fn child(&self, name: &str) -> Self {
         Self(
             Sha256::new()
@@ -63,6 +64,7 @@ impl Key {
     }
 
     /// The ChaCha8 stream of `line` for `purpose`, at position 0.
+    #[must_use]
     pub fn stream(&self, purpose: Purpose, line: usize) -> ChaCha8Rng {
         let mut rng = ChaCha8Rng::from_seed(self.0);
         rng.set_stream((purpose as u64) << 56 | line as u64);

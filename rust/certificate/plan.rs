@@ -53,6 +53,7 @@ pub enum ControlError {
 /// What holds in one event.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
+#[must_use]
 pub struct Plan {
     /// The way of the smallest `target`.
     pub best: usize,

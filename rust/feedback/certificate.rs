@@ -1,6 +1,7 @@
 //! What can be said of all members of a region under one gain.
 
 use crate::error::Result;
+use crate::named::named;
 use crate::parallel::Stop;
 
 use super::data::{Closed, Matrix, Uncertain};
@@ -11,6 +12,7 @@ use super::spectrum::radius;
 /// The verdict; only the first one is a promise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[must_use = "a gain is proved only where this says so"]
 pub enum Verdict {
     /// Every member is stable: the proof has been verified.
     Certified,
@@ -24,9 +26,18 @@ pub enum Verdict {
     Undecided,
 }
 
+named!(Verdict {
+    Certified => "certified",
+    Refuted => "refuted",
+    NotProvable => "not provable",
+    Undetermined => "undetermined",
+    Undecided => "undecided",
+});
+
 /// The verdict, with its proof or counterexample.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
+#[must_use = "a gain is proved only where this says so"]
 pub struct Certificate {
     /// The verdict.
     pub status: Verdict,

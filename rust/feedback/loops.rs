@@ -143,7 +143,6 @@ impl Loop {
     }
 
     /// What is proved.
-    #[must_use]
     pub const fn certificate(&self) -> &Certificate {
         &self.certificate
     }

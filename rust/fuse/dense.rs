@@ -60,6 +60,7 @@ impl<'a> Dense<'a> {
     }
 
     /// The first `size` realizations.
+    #[must_use]
     pub fn prefix(&self, size: usize) -> Self {
         let size = size.min(self.size);
         Self { values: &self.values[..size * self.dim], size, dim: self.dim }

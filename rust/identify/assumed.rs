@@ -1,5 +1,7 @@
 //! What is assumed of the data, and what is asked of a region: nothing is ever inferred.
 
+use crate::named::named;
+
 /// Whether all states and inputs of the pairs are independent of all noise of the outcomes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Design {
@@ -9,6 +11,8 @@ pub enum Design {
     Adaptive,
 }
 
+named!(Design { Independent => "independent", Adaptive => "adaptive" });
+
 /// The law of the noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Noise {
@@ -17,6 +21,8 @@ pub enum Noise {
     /// `E exp(l' w) <= exp(l' Sigma l / 2)` given the past, or bounded by its known size.
     SubGaussian,
 }
+
+named!(Noise { Gaussian => "gaussian", SubGaussian => "sub-gaussian" });
 
 /// The covariance (n, n) of the noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +68,8 @@ pub enum RegionMethod {
     /// Finite once there are n more pairs than unknowns, wide, and valid for all N at once.
     Universal,
 }
+
+named!(RegionMethod { Auto => "auto", Mixture => "mixture", Universal => "universal" });
 
 /// What is asked of a region.
 #[derive(Debug, Clone, Copy, PartialEq)]

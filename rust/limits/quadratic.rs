@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::bounds::Bounds;
 use crate::error::{Error, Result};
+use crate::named::named;
 use crate::parallel::Stop;
 
 /// Time after a limit for work that has it to end on its own.
@@ -55,6 +56,7 @@ pub(super) trait Quadratic {
 /// How a computation ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
+#[must_use = "the control may not be the best one, or break a limit"]
 pub enum Status {
     /// The gap is at most `1e-9 J(u)`, or rounding of what `J(u)` is before anything cancels.
     Optimal,
@@ -71,19 +73,14 @@ pub enum Status {
     Undecided,
 }
 
-impl Status {
-    /// Its name in the package.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Optimal => "optimal",
-            Self::Inaccurate => "optimal_inaccurate",
-            Self::Limit => "user_limit",
-            Self::Interrupted => "interrupted",
-            Self::Infeasible => "infeasible",
-            Self::Undecided => "undecided",
-        }
-    }
-}
+named!(Status {
+    Optimal => "optimal",
+    Inaccurate => "optimal_inaccurate",
+    Limit => "user_limit",
+    Interrupted => "interrupted",
+    Infeasible => "infeasible",
+    Undecided => "undecided",
+});
 
 /// What found the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -98,16 +95,7 @@ pub enum Method {
     Refinement,
 }
 
-impl Method {
-    /// Its name in the package.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Pivoting => "pivoting",
-            Self::Interior => "interior point",
-            Self::Refinement => "refinement",
-        }
-    }
-}
+named!(Method { Pivoting => "pivoting", Interior => "interior point", Refinement => "refinement" });
 
 /// What ends a computation before its tolerance.
 #[derive(Debug, Clone, Copy)]
@@ -118,6 +106,7 @@ pub struct Until<'a> {
 
 impl<'a> Until<'a> {
     /// A stop, or `time` from now.
+    #[must_use]
     pub fn new(stop: &'a Stop, time: Option<Duration>) -> Self {
         Self { stop, deadline: time.and_then(|time| Instant::now().checked_add(time)) }
     }

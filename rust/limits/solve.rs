@@ -16,6 +16,7 @@ const WHAT: &str = "a control within limits";
 /// A control and how far from the best one it can be.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
+#[must_use]
 pub struct Solution {
     /// `u`, inside the limits.
     pub control: Vec<f64>,

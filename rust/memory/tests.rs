@@ -173,8 +173,9 @@ fn call(name: &str) -> Option<Call> {
             let geometry = Geometry::new(copy(2 * N)?, N, 2)?;
             let mut stream = Stream::new(geometry, laws, Config { safeguard, order })?;
             let limits = Budget { steps: 2500, tolerance: Some((Rule::Certificate, 0.0)), deadline: None };
-            stream.advance(&limits, &stop)?;
-            stream.advance(&Budget { steps: 3, tolerance: Some((Rule::Printed, 0.0)), deadline: None }, &stop)?;
+            let _ = stream.advance(&limits, &stop)?;
+            let _ =
+                stream.advance(&Budget { steps: 3, tolerance: Some((Rule::Printed, 0.0)), deadline: None }, &stop)?;
             let _ = (stream.control()?, stream.estimates()?, stream.residuals()?, stream.certificate()?);
             Stream::from_sections(stream.to_sections()?).map(drop)
         })
@@ -285,11 +286,11 @@ fn call(name: &str) -> Option<Call> {
                     let (a, b) = (&[0.5, 1.0, 0.0, 0.7], &[0.0, 1.0]);
                     let (stage, terminal, r) = (&[1.0, 0.0, 0.0, 1.0], &[1.0, 0.0, 0.0, 1.0], &[0.01]);
                     let horizon = Steps { a, b, x0: &one[..2], reference: &one[..2 * N], stage, terminal, r };
-                    limits::horizon_control(&horizon, bounds, None, until())?;
+                    let _ = limits::horizon_control(&horizon, bounds, None, until())?;
                     return limits::horizon_control(&horizon, open, None, until()).map(drop);
                 }
-                limits::box_control(&ill, &one[..N], Penalty::Diagonal(&zero), open, None, until())?;
-                limits::box_control(&one, &one[..N], Penalty::Full(&identity), bounds, None, until())?;
+                let _ = limits::box_control(&ill, &one[..N], Penalty::Diagonal(&zero), open, None, until())?;
+                let _ = limits::box_control(&one, &one[..N], Penalty::Full(&identity), bounds, None, until())?;
                 let goal = (&one[..2 * N], &one[..N]);
                 let penalty = Penalty::Diagonal(&[0.1; N]);
                 let mut solver = limits::Solver::new(&one, penalty, bounds, 2, goal, &stop)?;
@@ -310,7 +311,7 @@ fn call(name: &str) -> Option<Call> {
                 let bounds = Bounds::new(&low[..N], &high[..N], N)?;
                 let rate = Some((&[0.3][..], &[0.0][..]));
                 let soft = Rows { rate, states: Some((&low, &high)), soft: Some(2.0), grows: false };
-                limits::rows_control(&horizon, bounds, soft, until())?;
+                let _ = limits::rows_control(&horizon, bounds, soft, until())?;
                 let hard = Rows { states: Some((&high, &high)), soft: None, ..soft };
                 limits::rows_control(&horizon, bounds, hard, until()).map(drop)
             })
@@ -442,10 +443,11 @@ fn call(name: &str) -> Option<Call> {
                 let task = Endpoints { x0: &model[..n], rho0: 0.1, xf: &model[..n], predicted: &model[..4 * n] };
                 let to_come = Some(ToCome::Gaussian(noise));
                 let way = |region, to_come| Way { region, inputs: &model[..6], to_come, compares: false };
-                certify(task, &[way(&whole, to_come), way(&rows, None)], Some(way(&rows, to_come)), (true, &stop))?;
+                let ways = [way(&whole, to_come), way(&rows, None)];
+                let _ = certify(task, &ways, Some(way(&rows, to_come)), (true, &stop))?;
                 let task = Endpoints { predicted: &model[..2 * n], ..task };
                 let one = Way { region: &whole, inputs: &model[..2], to_come: None, compares: true };
-                certify(task, &[one], None, (true, &stop))?;
+                let _ = certify(task, &[one], None, (true, &stop))?;
                 whole.projection((0, 0), (1, 1))?;
                 whole.entry_bounds()?;
                 whole.holds(&model).map(drop)

@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice, view};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Error;
-use crate::feedback::{self, Filters, Gain, Keeper, Loop, Misfit, Preview, Recorder, Run, Verdict};
+use crate::feedback::{self, Filters, Gain, Keeper, Loop, Misfit, Preview, Recorder, Run};
 use crate::memory::{try_collect, try_copy};
 use crate::parallel::Stop;
 
@@ -65,13 +65,7 @@ impl PyFeedback {
 
     #[getter]
     fn status(&self) -> &'static str {
-        match self.of.certificate().status {
-            Verdict::Certified => "certified",
-            Verdict::Refuted => "refuted",
-            Verdict::NotProvable => "not provable",
-            Verdict::Undetermined => "undetermined",
-            Verdict::Undecided => "undecided",
-        }
+        self.of.certificate().status.as_str()
     }
 
     /// Proved upper and unproved lower bound of `rho g`, and the spectral radius of the centre.

@@ -14,7 +14,7 @@ use super::shared::Shared;
 use super::storage::{Array, array_of};
 use crate::memory::{try_collect, try_copy, try_room};
 use crate::storage::{Section, Sections, Values};
-use crate::streaming::{Budget, Config, DataStream, End, Geometry, Order, Rule, Stream, StreamLaws};
+use crate::streaming::{Budget, Config, DataStream, Geometry, Order, Rule, Stream, StreamLaws};
 use crate::{Key, Result};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
@@ -128,13 +128,8 @@ impl PyStream {
         let deadline =
             seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).and_then(|time| Instant::now().checked_add(time));
         let limits = Budget { steps, tolerance: rule.map(|rule| (rule, tol)), deadline };
-        let end =
-            self.inner.with(py, 10.0 * (steps as f64) * self.n as f64, |stream, stop| stream.advance(&limits, stop))?;
-        Ok(match end {
-            End::Converged => "converged",
-            End::Steps => "max_steps",
-            End::Time => "time_limit",
-        })
+        let cost = 10.0 * (steps as f64) * self.n as f64;
+        Ok(self.inner.with(py, cost, |stream, stop| stream.advance(&limits, stop))?.as_str())
     }
 
     /// The control (m,).

@@ -27,6 +27,7 @@ pub(crate) use systematic::line_systematic;
 
 use crate::error::Result;
 use crate::memory::checked_len;
+use crate::named::named;
 use crate::parallel::Stop;
 use crate::stream::Key;
 use std::sync::Arc;
@@ -39,6 +40,8 @@ pub enum Scheme {
     /// One random offset per line: every index is drawn `floor(N p)` or `ceil(N p)` times, in random order.
     Systematic,
 }
+
+named!(Scheme { Iid => "iid", Systematic => "systematic" });
 
 /// Draws `size` realizations of `law`.
 ///

@@ -23,6 +23,14 @@ pub struct Sequence {
     position: u64,
 }
 
+impl std::fmt::Debug for Sequence {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { key, lines, position, .. } = self;
+        let mut shown = f.debug_struct("Sequence");
+        shown.field("key", key).field("lines", lines).field("position", position).finish_non_exhaustive()
+    }
+}
+
 impl Sequence {
     /// The sequence of `law` under `key`, at realization 0.
     ///

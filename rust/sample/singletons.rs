@@ -160,6 +160,7 @@ impl Singletons {
     }
 
     /// The first `size` realizations (all of them if there are fewer), without a copy.
+    #[must_use]
     pub fn prefix(&self, size: usize) -> Self {
         Self { law: Arc::clone(&self.law), indices: Arc::clone(&self.indices), size: size.min(self.size) }
     }

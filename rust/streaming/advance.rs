@@ -5,6 +5,7 @@ use std::time::Instant;
 use super::stream::Stream;
 use crate::error::Result;
 use crate::fuse::norm;
+use crate::named::named;
 use crate::parallel::Stop;
 
 /// The stopping rule.
@@ -16,6 +17,8 @@ pub enum Rule {
     /// improve the estimate, whatever the error.
     Printed,
 }
+
+named!(Rule { Certificate => "certificate", Printed => "printed" });
 
 /// Limits of a run.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +34,7 @@ pub struct Budget {
 /// The reason why a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[must_use = "the rule may not be satisfied"]
 pub enum End {
     /// The rule is satisfied.
     Converged,
@@ -39,6 +43,8 @@ pub enum End {
     /// The deadline has passed.
     Time,
 }
+
+named!(End { Converged => "converged", Steps => "max_steps", Time => "time_limit" });
 
 impl Stream {
     /// Takes steps until a limit is met; between two steps the state is complete.

@@ -7,6 +7,7 @@ use super::trace::{Entry, on_grid};
 use crate::control::singular_values;
 use crate::error::{Error, Result, sized};
 use crate::memory::{checked_len, try_filled, try_room, try_zeros};
+use crate::named::named;
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
 use crate::vector::norm;
@@ -21,6 +22,8 @@ pub enum Order {
     /// The one with the largest guaranteed decrease of the mean squared error of the state.
     Gain,
 }
+
+named!(Order { Random => "random", RoundRobin => "round-robin", Gain => "gain" });
 
 /// Options of a stream; they never change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,6 +67,15 @@ pub struct Stream {
     norm_a: f64,
     work: [Vec<f64>; 2],
     room: Room,
+}
+
+impl std::fmt::Debug for Stream {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { config, geometry, choice, steps, .. } = self;
+        let mut shown = f.debug_struct("Stream");
+        shown.field("config", config).field("size", &geometry.size()).field("choice", choice);
+        shown.field("steps", steps).finish_non_exhaustive()
+    }
 }
 
 const WHAT: &str = "a stream";

@@ -3,6 +3,7 @@
 use super::control::FusedControl;
 use super::lines::{Lines, Norm};
 use crate::error::Result;
+use crate::named::named;
 
 /// The level of a tenth of delta, the share of an event that is not the main one.
 const SHARE: f64 = std::f64::consts::LN_10;
@@ -43,6 +44,14 @@ pub enum Inequality {
     /// entries of a line is hit `floor(N p_i)` or `ceil(N p_i)` times.
     Systematic,
 }
+
+named!(Inequality {
+    Bernstein => "Bernstein",
+    Bousquet => "Bousquet",
+    McDiarmid => "McDiarmid",
+    Weissman => "Weissman",
+    Systematic => "systematic",
+});
 
 impl Lines {
     /// The bound, where the inequality is one for lines; its rate is `1 / N`.

@@ -1,5 +1,7 @@
 //! What the noise is assumed to be, and the bets that follow: of expectation at most 1 for every system of the region.
 
+use crate::named::named;
+
 /// Largest factor of one bet, and largest evidence of a start: cutting a factor lowers it, which is valid.
 pub(super) const LARGEST: f64 = 1e260;
 /// Of the standard deviation: where a bet on symmetric noise is cut.
@@ -19,6 +21,8 @@ pub enum Laws {
     /// Mean 0 and `w' Sbar^-1 w <= 1`: as Gaussian (Hoeffding), and `|x| > p + sqrt(v)` is impossible.
     Bounded,
 }
+
+named!(Laws { Variance => "variance", Gaussian => "gaussian", Symmetric => "symmetric", Bounded => "bounded" });
 
 /// `1 + |t| + t^2 / 2`.
 fn square(t: f64) -> f64 {

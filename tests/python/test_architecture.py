@@ -262,7 +262,7 @@ def test_every_fault_is_seen(check: str, sources: dict[str, str]) -> None:
 
 # Lowest first, as LAYERS: the files and folders of `rust/`. Its root, `lib.rs`, only names them.
 CORE = (
-    ("compensated", "fault", "pod", "scaled", "simd", "vector"),
+    ("compensated", "fault", "named", "pod", "scaled", "simd", "vector"),
     ("error", "nontemporal"),
     ("memory", "parallel", "stream"),
     ("matrix", "sample", "storage"),

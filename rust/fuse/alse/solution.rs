@@ -23,6 +23,7 @@ pub struct Settings {
 
 impl Settings {
     /// One thread and no limits.
+    #[must_use]
     pub const fn new(set: Weights, tol: f64) -> Self {
         Self { set, tol, time_limit: None, max_passes: None, threads: 1 }
     }

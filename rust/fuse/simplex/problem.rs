@@ -1,5 +1,7 @@
 //! Problems and solutions. A problem is checked once, here.
 
+use crate::named::named;
+
 use std::fmt;
 use std::time::Duration;
 
@@ -158,6 +160,7 @@ impl Default for Options {
 /// The end of the search, judged by the gap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
+#[must_use = "the weights may not be the best ones"]
 pub enum WeightStatus {
     /// The gap is at most `tol ||E*||^2` (`tol` times the squared norm of a realization where `E* = 0`).
     Optimal,
@@ -169,17 +172,12 @@ pub enum WeightStatus {
     Interrupted,
 }
 
-impl WeightStatus {
-    /// The status, in the words of other convex solvers.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Optimal => "optimal",
-            Self::OptimalInaccurate => "optimal_inaccurate",
-            Self::UserLimit => "user_limit",
-            Self::Interrupted => "interrupted",
-        }
-    }
-}
+named!(WeightStatus {
+    Optimal => "optimal",
+    OptimalInaccurate => "optimal_inaccurate",
+    UserLimit => "user_limit",
+    Interrupted => "interrupted",
+});
 
 /// The algorithm that found the weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -198,19 +196,14 @@ pub enum Phase {
     ActiveSet,
 }
 
-impl Phase {
-    /// The algorithm's name.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Start => "start",
-            Self::ClosedForm => "closed form",
-            Self::NewtonCg => "projected newton-cg",
-            Self::Direct => "semismooth newton",
-            Self::Augmented => "augmented lagrangian",
-            Self::ActiveSet => "active set",
-        }
-    }
-}
+named!(Phase {
+    Start => "start",
+    ClosedForm => "closed form",
+    NewtonCg => "projected newton-cg",
+    Direct => "semismooth newton",
+    Augmented => "augmented lagrangian",
+    ActiveSet => "active set",
+});
 
 /// Algorithm, cost and sizes.
 #[derive(Clone, Copy, Debug)]

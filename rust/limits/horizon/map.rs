@@ -288,6 +288,7 @@ impl Horizon {
     }
 
     /// Whether the recursion of Riccati is used.
+    #[must_use]
     pub fn long(&self) -> bool {
         self.grows || self.many()
     }
@@ -303,6 +304,7 @@ impl Horizon {
     }
 
     /// Whether there are limits of single inputs only.
+    #[must_use]
     pub fn boxed(&self) -> bool {
         self.task.rate.is_none() && self.task.states.is_none()
     }

@@ -342,6 +342,7 @@ impl RecedingHorizon {
     }
 
     /// Whether one map serves all states, as where there are limits of single inputs alone and not too many steps.
+    #[must_use]
     pub fn condensed(&self) -> bool {
         matches!(self.way, Way::Inputs(_))
     }

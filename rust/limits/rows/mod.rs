@@ -41,6 +41,7 @@ const SINGULAR: &str = "an input has no weight at some step, and the system grow
 /// A control, and what it says about limits that are not of single inputs.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
+#[must_use]
 pub struct RowsSolution {
     /// The control, and its certificate; of limits that cannot be met: with these wider by `missing`.
     pub found: Solution,

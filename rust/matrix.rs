@@ -83,6 +83,24 @@ impl<'a> MatrixView<'a> {
         Ok(all.into())
     }
 
+    /// The same with any number of rows.
+    pub(crate) fn wide(self, name: &'static str, columns: usize) -> Result<Cow<'a, [f64]>> {
+        if self.columns != columns {
+            let found = format!("{} x {}", self.rows, self.columns);
+            return Err(Error::Shape { name, expected: format!("any x {columns} entries"), found });
+        }
+        self.sized(name, self.rows, columns)
+    }
+
+    /// The same with any number of columns.
+    pub(crate) fn high(self, name: &'static str, rows: usize) -> Result<Cow<'a, [f64]>> {
+        if self.rows != rows {
+            let found = format!("{} x {}", self.rows, self.columns);
+            return Err(Error::Shape { name, expected: format!("{rows} x any entries"), found });
+        }
+        self.sized(name, rows, self.columns)
+    }
+
     /// The same, all of them finite.
     pub(crate) fn finite(self, name: &'static str, rows: usize, columns: usize) -> Result<Cow<'a, [f64]>> {
         let values = self.sized(name, rows, columns)?;

@@ -4,11 +4,10 @@
 //! use std::sync::Arc;
 //! use stochens::{Stop, certificate, region::{Part, PartOf, Region}};
 //! // x(k+1) = a x(k) + b u(k) around a = 1/2, b = 1, from V = diag(4, 16)
-//! let (white, root) = ([0.5, 0.0, 0.0, 0.25], [2.0, 0.0, 0.0, 4.0]);
-//! let part = PartOf {
-//!     rows: &[0], columns: &[0, 1], white: &white, root: &root, missing: &[], ratio: 1.0, shape: &[1.0], factor: 0.04,
-//! };
-//! let region = Region::new(&[0.5, 1.0], 1, 1, vec![Arc::new(Part::new(part)?)], None, false)?;
+//! let (white, root) = ((&[[0.5, 0.0], [0.0, 0.25]]).into(), (&[[2.0, 0.0], [0.0, 4.0]]).into());
+//! let (missing, shape) = (None, (&[[1.0]]).into());
+//! let part = PartOf { rows: &[0], columns: &[0, 1], white, root, missing, ratio: 1.0, shape, factor: 0.04 };
+//! let region = Region::new(&[[0.5, 1.0]], 1, vec![Arc::new(Part::new(part)?)], None, false)?;
 //! let errors = certificate::trajectory(&region, &[3.0], &[0.0, 0.0], 0.0, None, (false, &Stop::new()))?;
 //! assert_eq!(errors.states, [3.0, 1.5, 0.75]);
 //! assert!((errors.radii[1] - 0.3).abs() < 1e-14); // sqrt(.04) ||(3, 0)||, in the norm of V^-1

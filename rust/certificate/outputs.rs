@@ -91,7 +91,7 @@ pub fn outputs(
     let wider = Entering { m, matrix: &behind(&matrix)?, entering: &behind(system.entering)?, noise: &both };
     let rooted = |covariance: &[f64]| product(&both, &covariance_root(covariance, p)?, whole, p, p);
     let wider = region.entered(wider)?; // which looks at the parts
-    let of = Of { p, root: rooted(region.parts[0].of().shape)?, region: wider };
+    let of = Of { p, root: rooted(&region.parts[0].shape)?, region: wider };
     let mut x0 = try_zeros(WHAT, whole)?;
     x0[p..].copy_from_slice(along.x0);
     let mut gain = try_zeros(WHAT, checked_len(WHAT, m, whole)?)?;
@@ -157,7 +157,7 @@ impl Of {
         let Way { at, inputs, gain, apart } = way;
         let (region, p, steps) = (&self.region, self.p, inputs.len() / self.region.m);
         let radii = Radii {
-            spectral: region.parts[0].of().factor.sqrt(),
+            spectral: region.parts[0].factor.sqrt(),
             frobenius: region.frobenius(),
             rho0: 0.0,
             noise: false,

@@ -33,6 +33,7 @@ use crate::fuse::norm;
 use crate::identify::{
     By, Covariance, SLACK, chi2_quantile, chi2_upper, cholesky, fit, level, spectral_norm, triangle,
 };
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region, times};
@@ -393,9 +394,17 @@ impl Pilot {
         } else {
             shape.iter_mut().step_by(n + 1).for_each(|v| *v = 1.0);
         }
-        let (white, root, missing, ratio) = (self.t.as_slice(), self.root.as_slice(), [].as_slice(), self.ratio);
-        let of = PartOf { rows: &rows, columns: &columns, white, root, missing, ratio, shape: &shape, factor };
-        let region = Region::new(&self.h, n, self.m, [Arc::new(Part::new(of)?)].into(), Some(event.frobenius), false)?;
+        let (white, root, shape) =
+            (MatrixView::of(&self.t, d), MatrixView::of(&self.root, d), MatrixView::of(&shape, n));
+        let (missing, ratio) = (None, self.ratio);
+        let of = PartOf { rows: &rows, columns: &columns, white, root, missing, ratio, shape, factor };
+        let region = Region::new(
+            MatrixView::of(&self.h, d),
+            self.m,
+            [Arc::new(Part::new(of)?)].into(),
+            Some(event.frobenius),
+            false,
+        )?;
         region.with_noise(if known { Some(try_copy(WHAT, &event.covariance)?) } else { None })
     }
 }

@@ -1,6 +1,7 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::matrix::MatrixView;
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region};
 
@@ -11,18 +12,17 @@ fn near(found: f64, expected: f64) {
 
 /// One state, one input.
 fn scalar(white: &[f64], missing: &[f64], factor: f64, frobenius: Option<f64>, future: bool) -> Region {
-    let shape = [0.25];
     let of = PartOf {
         rows: &[0],
         columns: &[0, 1],
-        white,
-        root: &[10.0, 0.0, 0.0, 5.0],
-        missing,
+        white: MatrixView::of(white, 2),
+        root: (&[[10.0, 0.0], [0.0, 5.0]]).into(),
+        missing: MatrixView::new(missing, 2, missing.len() / 2).ok(),
         ratio: 1.0,
-        shape: &shape,
+        shape: (&[[0.25]]).into(),
         factor,
     };
-    Region::new(&[0.8, 1.0], 1, 1, vec![Arc::new(Part::new(of).unwrap())], frobenius, future).unwrap()
+    Region::new(&[[0.8, 1.0]], 1, vec![Arc::new(Part::new(of).unwrap())], frobenius, future).unwrap()
 }
 
 const WHITE: [f64; 4] = [0.1, 0.0, 0.0, 0.2];
@@ -89,17 +89,17 @@ fn parts_of_single_rows() {
         let of = PartOf {
             rows: &[row],
             columns: &[row, 2],
-            white: &WHITE,
-            root: &[10.0, 0.0, 0.0, 5.0],
-            missing: &[],
+            white: MatrixView::of(&WHITE, 2),
+            root: (&[[10.0, 0.0], [0.0, 5.0]]).into(),
+            missing: None,
             ratio: 1.0,
-            shape: &[0.25],
+            shape: (&[[0.25]]).into(),
             factor: 2.25,
         };
         Arc::new(Part::new(of).unwrap())
     };
-    let centre = [0.8, 0.0, 1.0, 0.0, 0.8, 1.0];
-    let region = Region::new(&centre, 2, 1, vec![part(1), part(0)], None, false).unwrap();
+    let centre = [[0.8, 0.0, 1.0], [0.0, 0.8, 1.0]];
+    let region = Region::new(&centre, 1, vec![part(1), part(0)], None, false).unwrap();
     let found = trajectory(&region, &[2.0, 2.0], &[1.0, -1.0], 0.01, None, (false, &Stop::new())).unwrap();
     let c = [0.75 * (0.04f64 + 0.04).sqrt(), 0.75 * (0.26f64 * 0.26 + 0.04).sqrt()];
     let s = 0.75 * 0.1; // |D_x e|_i <= s ||e||
@@ -144,17 +144,18 @@ fn a_plan_takes_the_best_of_all_ways() {
     near(found.start, 0.8 * 0.1 + 0.75 * 0.1 * 0.1);
     near(found.target, found.reach + found.model_error + found.start);
     // a region of all steps at once: x(2) = a x(0) + b0 u(0) + b1 u(1)
+    let eye = (&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).into();
     let of = PartOf {
         rows: &[0],
         columns: &[0, 1, 2],
-        white: &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        root: &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        missing: &[],
+        white: eye,
+        root: eye,
+        missing: None,
         ratio: 1.0,
-        shape: &[1.0],
+        shape: (&[[1.0]]).into(),
         factor: 1.0,
     };
-    let direct = Region::new(&[0.64, 0.8, 1.0], 1, 2, vec![Arc::new(Part::new(of).unwrap())], None, false).unwrap();
+    let direct = Region::new(&[[0.64, 0.8, 1.0]], 2, vec![Arc::new(Part::new(of).unwrap())], None, false).unwrap();
     let way = Way { region: &direct, inputs: &[1.0, 1.0], to_come: None, compares: true };
     let task = Endpoints { predicted: &[2.0, 2.6, 3.08], ..task };
     let found = certify(task, &[way], None, (true, &Stop::new())).unwrap();

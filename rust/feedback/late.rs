@@ -5,6 +5,7 @@ use std::sync::Arc;
 use faer::Mat;
 
 use crate::error::{Error, Result};
+use crate::matrix::MatrixView;
 use crate::memory::{try_copy, try_zeros};
 use crate::region::{Part, PartOf, Region};
 
@@ -49,7 +50,7 @@ fn with_below(region: &Region, below: &Matrix) -> Result<Region> {
         columns.iter_mut().filter(|j| **j >= n).for_each(|j| *j += more);
         parts.push(Arc::new(Part::new(PartOf { columns: &columns, ..part.of() })?));
     }
-    Region::new(&centre, all, m, parts, region.frobenius, region.future)
+    Region::new(MatrixView::of(&centre, width + more), m, parts, region.frobenius, region.future)
 }
 
 /// The states that those of `from` move, after any number of steps, and those themselves.

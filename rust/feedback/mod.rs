@@ -14,11 +14,9 @@
 //! use std::sync::Arc;
 //! use stochens::{Stop, feedback::{Loop, Verdict}, region::{Part, PartOf, Region}};
 //! // x(k+1) = 1.2 x(k) + u(k), both coefficients within a circle of radius .3
-//! let (one, eye) = ([1.0], [1.0, 0.0, 0.0, 1.0]);
-//! let part = PartOf {
-//!     rows: &[0], columns: &[0, 1], white: &eye, root: &eye, missing: &[], ratio: 1.0, shape: &one, factor: 0.09,
-//! };
-//! let region = Region::new(&[1.2, 1.0], 1, 1, vec![Arc::new(Part::new(part)?)], None, false)?;
+//! let (eye, missing, shape) = ((&[[1.0, 0.0], [0.0, 1.0]]).into(), None, (&[[1.0]]).into());
+//! let part = PartOf { rows: &[0], columns: &[0, 1], white: eye, root: eye, missing, ratio: 1.0, shape, factor: 0.09 };
+//! let region = Region::new(&[[1.2, 1.0]], 1, vec![Arc::new(Part::new(part)?)], None, false)?;
 //! let found = Loop::new(&region, &[[-0.9]], &Stop::new())?;
 //! assert_eq!(found.certificate().status, Verdict::Certified);
 //! assert!((found.certificate().norm - 0.5766).abs() < 1e-3); // .3 sqrt(1 + .9^2) / (1 - .3)

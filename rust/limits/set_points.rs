@@ -12,7 +12,8 @@
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, MatRef, Side};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
+use crate::matrix::MatrixView;
 use crate::memory::{covered, room_for_products, try_collect, try_extend, try_push, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, Region};
@@ -56,7 +57,7 @@ pub struct SetPointTask<'a> {
     /// The outputs (p); nan where one is free.
     pub target: &'a [f64],
     /// The weights Q (p, p) of `(y - target)'Q (y - target)`.
-    pub weights: &'a [f64],
+    pub weights: MatrixView<'a>,
     /// Where outputs stay that are free and integrate (p).
     pub now: &'a [f64],
     /// The limits of the inputs (m).
@@ -187,19 +188,20 @@ impl SetPoints {
     /// Of a model `theta` (p, d); `unit` has the sizes of its outputs and inputs (p + m).
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::Memory`].
-    pub fn new(window: Window, theta: &[f64], unit: &[f64]) -> Result<Self> {
+    /// [`Error::Shape`], [`Error::Value`] for a size that is not above 0, [`Error::Memory`].
+    pub fn new<'a>(window: Window, theta: impl Into<MatrixView<'a>>, unit: &[f64]) -> Result<Self> {
         let (p, m, n, d) = (window.outputs(), window.inputs(), window.states(), window.length());
-        if theta.len() != p * d || unit.len() != p + m || !unit.iter().all(|v| *v > 0.0 && v.is_finite()) {
-            let expected = format!("{p} rows of {d}, and {} sizes", p + m);
-            return Err(Error::Shape { name: "theta, unit", expected, found: theta.len().to_string() });
+        let theta = theta.into().sized("theta", p, d)?;
+        sized("unit", unit.len(), p + m)?;
+        if let Some(wrong) = unit.iter().find(|v| !(**v > 0.0 && v.is_finite())) {
+            return Err(Error::Value { name: "unit", expected: "above 0, and finite", found: wrong.to_string() });
         }
         room_for_products()?;
         let ([mut x, mut z], mut both) =
             ([try_zeros::<f64>(WHAT, n)?, try_zeros::<f64>(WHAT, d)?], try_zeros::<f64>(WHAT, p + m)?);
         let none = try_zeros::<f64>(WHAT, m)?;
         covered(WHAT, 256 * ((d + n + p + m) as u128 + 16).pow(2), || {
-            let h = MatRef::from_row_major_slice(theta, p, d).to_owned();
+            let h = MatRef::from_row_major_slice(&theta, p, d).to_owned();
             let k = p + m;
             let (mut along, mut states) = (Mat::zeros(d, k), Mat::zeros(n, k));
             let (mut ramp, mut of_ramp, mut offset) = (Mat::zeros(n, k), Mat::zeros(d, k), Mat::zeros(d, 1));
@@ -353,26 +355,25 @@ impl SetPoints {
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
     pub fn at(&self, wish: &SetPointTask<'_>) -> Result<SetPoint> {
         let (p, m) = self.sizes();
-        let right = [wish.target.len() == p, wish.weights.len() == p * p, wish.now.len() == p];
-        if right.contains(&false) || [wish.low, wish.high, wish.given].iter().any(|of| of.len() != m) {
-            let (expected, found) = (format!("{p} outputs and {m} inputs"), wish.target.len().to_string());
-            return Err(Error::Shape { name: "target", expected, found });
-        }
+        let outputs = [("target", wish.target, p), ("now", wish.now, p)];
+        let inputs = [("low", wish.low, m), ("high", wish.high, m), ("given", wish.given, m)];
+        outputs.into_iter().chain(inputs).try_for_each(|(name, of, len)| sized(name, of.len(), len))?;
+        let weights = wish.weights.sized("weights", p, p)?;
         room_for_products()?;
-        covered(WHAT, self.bytes(), || self.found(wish))?
+        covered(WHAT, self.bytes(), || self.found(wish, &weights))?
     }
 
-    fn found(&self, wish: &SetPointTask<'_>) -> Result<SetPoint> {
+    fn found(&self, wish: &SetPointTask<'_>, weights: &[f64]) -> Result<SetPoint> {
         let ((p, m), k) = (self.sizes(), self.unit.len());
         let set = |i: usize| !wish.target[i].is_nan();
         let chosen = (0..m).filter(|i| wish.given[*i].is_nan()).count();
         let held = (0..p).filter(|i| set(*i)).count() <= chosen;
         // an output with a target has a weight, where limits decide between them
-        let least = (0..p).map(|i| wish.weights[i * p + i] * self.unit[i].powi(2)).fold(0.0, f64::max) * SMALL;
+        let least = (0..p).map(|i| weights[i * p + i] * self.unit[i].powi(2)).fold(0.0, f64::max) * SMALL;
         let weight = |i: usize, j: usize| match (set(i) && set(j), i == j) {
             (false, _) => 0.0,
-            (true, true) => (wish.weights[i * p + j] * self.unit[i].powi(2)).max(if least > 0.0 { least } else { 1.0 }),
-            (true, false) => wish.weights[i * p + j] * self.unit[i] * self.unit[j],
+            (true, true) => (weights[i * p + j] * self.unit[i].powi(2)).max(if least > 0.0 { least } else { 1.0 }),
+            (true, false) => weights[i * p + j] * self.unit[i] * self.unit[j],
         };
         let root = |of: Matrix| -> Result<Matrix> {
             let eigen = of.self_adjoint_eigen(Side::Lower).map_err(lost)?;
@@ -752,12 +753,12 @@ mod tests {
     #[test]
     fn the_nearest_and_the_held_point_of_two_outputs() {
         let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
-        let points = SetPoints::new(window, &[0.9, 0.02, 0.1, 0.3, 0.6, 0.05], &[1.0; 3]).unwrap();
+        let points = SetPoints::new(window, &[[0.9, 0.02, 0.1], [0.3, 0.6, 0.05]], &[1.0; 3]).unwrap();
         assert!(points.can_be_held().unwrap());
         close(&points.of_inputs().unwrap(), &[0.1, 0.05], 1e-15);
         let free = SetPointTask {
             target: &[1.0, 2.0],
-            weights: &[1.0, 0.0, 0.0, 0.25],
+            weights: (&[[1.0, 0.0], [0.0, 0.25]]).into(),
             now: &[0.0; 2],
             low: &[-INF],
             high: &[INF],
@@ -774,17 +775,27 @@ mod tests {
         let mut moved = points.moved().unwrap();
         points.moving(&held, &[0.0; 2], [&[0.0; 2], &[0.0, 0.01]], &[0.0], &mut moved).unwrap();
         close(&[moved.x[0], moved.x[1], moved.place[2]], &[2.354693877551, 2.0, 2.071836734694], 1e-11);
-        assert!(points.at(&SetPointTask { target: &[1.0], ..free }).is_err());
+        let wrong = [
+            (SetPointTask { target: &[1.0], ..free }, "`target` must have 2 entries, got 1"),
+            (SetPointTask { given: &[1.0; 2], ..free }, "`given` must have 1 entries, got 2"),
+            (SetPointTask { weights: (&[[1.0; 4]]).into(), ..free }, "`weights` must have 2 x 2 entries, got 1 x 4"),
+        ];
+        for (wish, why) in wrong {
+            assert_eq!(points.at(&wish).unwrap_err().to_string(), why);
+        }
+        let turned = SetPoints::new(window, &[[0.9, 0.3], [0.02, 0.6], [0.1, 0.05]], &[1.0; 3]);
+        assert_eq!(turned.unwrap_err().to_string(), "`theta` must have 2 x 3 entries, got 3 x 2");
+        assert!(SetPoints::new(window, &[[0.9, 0.02, 0.1], [0.3, 0.6, 0.05]], &[0.0; 3]).is_err());
     }
 
     #[test]
     fn an_output_that_integrates_and_is_free_stays() {
         // y1+ = .5 y1 + u, y2+ = y2 + u: held at y1 = 0 the second one is anywhere
         let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
-        let points = SetPoints::new(window, &[0.5, 0.0, 1.0, 0.0, 1.0, 1.0], &[1.0; 3]).unwrap();
+        let points = SetPoints::new(window, &[[0.5, 0.0, 1.0], [0.0, 1.0, 1.0]], &[1.0; 3]).unwrap();
         let wish = SetPointTask {
             target: &[0.0, f64::NAN],
-            weights: &[1.0, 0.0, 0.0, 1.0],
+            weights: (&[[1.0, 0.0], [0.0, 1.0]]).into(),
             now: &[5.0, 7.0],
             low: &[-1.0],
             high: &[1.0],
@@ -800,28 +811,28 @@ mod tests {
             let window = Window::new(p, m, kind, 2, true, 3).unwrap();
             let d = window.length();
             let theta: Vec<f64> = (0..p * d).map(|at| 0.3 * ((at * at + 1) as f64).sin() / count as f64).collect();
-            let points = SetPoints::new(window, &theta, &vec![1.0; p + m]).unwrap();
+            let points = SetPoints::new(window, MatrixView::of(&theta, d), &vec![1.0; p + m]).unwrap();
             let mut target = vec![f64::NAN; p];
             target[..p.min(m)].fill(0.1);
             let eye = |n: usize| (0..n * n).map(|at| f64::from(u8::from(at % (n + 1) == 0))).collect::<Vec<_>>();
             let (low, high, given) = (vec![-0.5; m], vec![0.5; m], vec![f64::NAN; m]);
-            let (weights, now) = (eye(p), vec![0.0; p]);
-            let wish =
-                SetPointTask { target: &target, weights: &weights, now: &now, low: &low, high: &high, given: &given };
+            let (eyes, now) = ([eye(p), eye(d)], vec![0.0; p]);
+            let (weights, eye) = (MatrixView::of(&eyes[0], p), MatrixView::of(&eyes[1], d));
+            let wish = SetPointTask { target: &target, weights, now: &now, low: &low, high: &high, given: &given };
             let point = points.at(&wish).unwrap();
             let (all, rows): (Vec<_>, Vec<_>) = ((0..d).collect(), (0..p).collect());
             let part = Part::new(PartOf {
                 rows: &rows,
                 columns: &all,
-                white: &eye(d),
-                root: &eye(d),
-                missing: &[],
+                white: eye,
+                root: eye,
+                missing: None,
                 ratio: 1.0,
-                shape: &eye(p),
+                shape: weights,
                 factor: 1e-8,
             });
             let part = Arc::new(part.unwrap());
-            let region = Region::new(&theta, p, d - p - 1, vec![part], None, false).unwrap();
+            let region = Region::new(MatrixView::of(&theta, d), d - p - 1, vec![part], None, false).unwrap();
             let spread = points.spread(&point, &region).unwrap().unwrap();
             assert!(spread.norm < 1.0 && spread.half.iter().all(|half| half.is_finite()));
             let (least, size) = points.lacking(&region, &now, &low, &high, &Stop::new()).unwrap();

@@ -432,13 +432,15 @@ fn call(name: &str) -> Option<Call> {
                 let (n, d) = (40, 42);
                 let places: Vec<usize> = (0..d).collect();
                 let part = |rows: &[usize], shape: &[f64]| {
-                    let (columns, white, root) = (&places[..], &square[..], &square[..]);
-                    let of = PartOf { rows, columns, white, root, missing: &[], ratio: 1.0, shape, factor: 1.0 };
+                    let (white, shape) = (MatrixView::of(&square, d), MatrixView::of(shape, rows.len()));
+                    let (columns, root, missing) = (&places[..], white, None);
+                    let of = PartOf { rows, columns, white, root, missing, ratio: 1.0, shape, factor: 1.0 };
                     Part::new(of).map(Arc::new)
                 };
-                let whole = Region::new(&model, n, 2, vec![part(&places[..n], &square[..n * n])?], Some(9.0), true)?;
+                let centre = MatrixView::of(&model, d);
+                let whole = Region::new(centre, 2, vec![part(&places[..n], &square[..n * n])?], Some(9.0), true)?;
                 let parts = (0..n).map(|i| part(&places[i..=i], &[1.0])).collect::<Result<_>>()?;
-                let rows = Region::new(&model, n, 2, parts, None, false)?;
+                let rows = Region::new(centre, 2, parts, None, false)?;
                 let noise = Gaussian { root: &square[..n * n], end: 0.02, before: 0.01 };
                 let task = Endpoints { x0: &model[..n], rho0: 0.1, xf: &model[..n], predicted: &model[..4 * n] };
                 let to_come = Some(ToCome::Gaussian(noise));

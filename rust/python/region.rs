@@ -38,8 +38,8 @@ getters! {
     PyPart {
         rows<'py>: PyResult<Bound<'py, PyArray1<i64>>> = |own, py| as_places(py, own.0.of().rows);
         columns<'py>: PyResult<Bound<'py, PyArray1<i64>>> = |own, py| as_places(py, own.0.of().columns);
-        white<'py>: PyResult<Bound<'py, PyArray2<f64>>> = |own, py| own.with_columns(py, own.0.of().white);
-        root<'py>: PyResult<Bound<'py, PyArray2<f64>>> = |own, py| own.with_columns(py, own.0.of().root);
+        white<'py>: PyResult<Bound<'py, PyArray2<f64>>> = |own, py| own.with_columns(py, &own.0.white);
+        root<'py>: PyResult<Bound<'py, PyArray2<f64>>> = |own, py| own.with_columns(py, &own.0.root);
         ratio: f64 = |own| own.0.of().ratio;
         factor: f64 = |own| own.0.of().factor;
         radius: f64 = |own| own.0.radius();
@@ -61,15 +61,15 @@ getters! {
         let of = PartOf {
             rows: &rows,
             columns: &columns,
-            white: slice("white", &white)?,
-            root: slice("root", &root)?,
-            missing: slice("missing", &missing)?,
+            white: view("white", &white)?,
+            root: view("root", &root)?,
+            missing: Some(view("missing", &missing)?),
             ratio,
-            shape: slice("S", &shape)?,
+            shape: view("S", &shape)?,
             factor,
         };
-        for (name, values) in [("white", of.white), ("root", of.root), ("missing", of.missing), ("S", of.shape)] {
-            require_finite(name, values)?;
+        for (name, values) in [("white", &white), ("root", &root), ("missing", &missing), ("S", &shape)] {
+            require_finite(name, slice(name, values)?)?;
         }
         Ok(Self(Arc::new(Part::new(of)?)))
     }
@@ -93,13 +93,13 @@ getters! {
 
     #[getter]
     fn missing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let PartOf { columns, missing, .. } = self.0.of();
+        let Part { columns, missing, .. } = &*self.0;
         copied(py, missing, columns.len(), missing.len().checked_div(columns.len()).unwrap_or(0))
     }
 
     #[getter(S)]
     fn shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let PartOf { rows, shape, .. } = self.0.of();
+        let Part { rows, shape, .. } = &*self.0;
         copied(py, shape, rows.len(), rows.len())
     }
 
@@ -199,12 +199,11 @@ getters! {
         frobenius: Option<f64>,
         future: bool,
     ) -> PyResult<Self> {
-        let n = centre.as_array().dim().0;
         let mut all = try_room(WHAT, parts.len())?;
         for part in parts {
             all.push(Arc::clone(&part.cast::<PyPart>()?.get().0));
         }
-        Ok(Self(Region::new(slice("centre", &centre)?, n, m, all, frobenius, future)?))
+        Ok(Self(Region::new(view("centre", &centre)?, m, all, frobenius, future)?))
     }
 
     #[getter]

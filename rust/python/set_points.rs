@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, getters, slice};
+use super::convert::{array1, array2, getters, slice, view};
 use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
@@ -30,7 +30,7 @@ impl PySetPoints {
     /// Of a model `theta`; `unit` has the sizes of outputs and inputs.
     #[new]
     fn new(window: &Bound<'_, PyWindow>, theta: Matrix<'_>, unit: Vector<'_>) -> PyResult<Self> {
-        Ok(Self(Arc::new(SetPoints::new(window.get().0, slice("theta", &theta)?, slice("unit", &unit)?)?)))
+        Ok(Self(Arc::new(SetPoints::new(window.get().0, view("theta", &theta)?, slice("unit", &unit)?)?)))
     }
 
     /// Whether some feedback can hold the outputs.
@@ -59,7 +59,7 @@ impl PySetPoints {
     ) -> PyResult<PySetPoint> {
         let wish = SetPointTask {
             target: slice("target", &target)?,
-            weights: slice("weights", &weights)?,
+            weights: view("weights", &weights)?,
             now: slice("now", &now)?,
             low: slice("low", &limits.0)?,
             high: slice("high", &limits.1)?,

@@ -6,10 +6,11 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
+use crate::matrix::MatrixView;
 use crate::memory::{room_for_products, try_collect, try_filled, try_room};
 
 use super::models::Region;
-use super::part::{Part, PartOf, WHAT};
+use super::part::{Part, PartOf, WHAT, directions};
 
 /// `x+ = matrix (x; u; 1) + noise w`, where `Theta` acts on `z = entering (x; u; 1)` and w is the error of `Theta z`.
 #[derive(Debug, Clone, Copy)]
@@ -83,16 +84,16 @@ impl Region {
         let moved = Part::new(PartOf {
             rows: &rows,
             columns: &columns,
-            white: &white,
-            root: &kept(root)?,
-            missing: &missing,
+            white: MatrixView::of(&white, columns.len()),
+            root: MatrixView::of(&kept(root)?, columns.len()),
+            missing: directions(&missing, columns.len()),
             ratio: part.ratio,
-            shape: &listed(&shape)?,
+            shape: MatrixView::of(&listed(&shape)?, rows.len()),
             factor: part.factor,
         })?;
         let mut parts = try_room(WHAT, 1)?;
         parts.push(Arc::new(moved));
-        let region = Self::new(of.matrix, n, of.m, parts, self.frobenius, self.future)?;
+        let region = Self::new(MatrixView::of(of.matrix, k), of.m, parts, self.frobenius, self.future)?;
         let noise = match self.noise() {
             Some(noise) if noise.iter().all(|v| v.is_finite()) => {
                 Some(listed(&(g * rows_of(noise, p) * g.transpose()))?)

@@ -109,7 +109,7 @@ impl Region {
         if let Covariance::Known(known) = assumed.covariance {
             noise = Some(try_copy(WHAT, known)?);
         }
-        let region = Self::new(&estimate.model, n, estimate.m, parts, frobenius, wish.future > 0)?;
+        let region = Self::new(estimate.theta(), estimate.m, parts, frobenius, wish.future > 0)?;
         region.with_noise(noise)
     }
 }

@@ -20,11 +20,10 @@ const LARGEST: f64 = 1e100;
 /// use std::sync::Arc;
 /// use stochens::region::{Part, PartOf, Region};
 /// // x(k+1) = a x(k) + b u(k) around a = 1/2, b = 1, from V = diag(4, 16) and S = 1
-/// let (white, root) = ([0.5, 0.0, 0.0, 0.25], [2.0, 0.0, 0.0, 4.0]);
-/// let part = PartOf {
-///     rows: &[0], columns: &[0, 1], white: &white, root: &root, missing: &[], ratio: 1.0, shape: &[1.0], factor: 0.04,
-/// };
-/// let region = Region::new(&[0.5, 1.0], 1, 1, vec![Arc::new(Part::new(part)?)], None, false)?;
+/// let (white, root) = ((&[[0.5, 0.0], [0.0, 0.25]]).into(), (&[[2.0, 0.0], [0.0, 4.0]]).into());
+/// let (missing, shape) = (None, (&[[1.0]]).into());
+/// let part = PartOf { rows: &[0], columns: &[0, 1], white, root, missing, ratio: 1.0, shape, factor: 0.04 };
+/// let region = Region::new(&[[0.5, 1.0]], 1, vec![Arc::new(Part::new(part)?)], None, false)?;
 /// assert!((region.bound(&[3.0, 0.0], false)? - 0.3).abs() < 1e-15); // sqrt(.04 * 1) * 3 / 2
 /// assert!(region.contains(&[[0.59, 1.0]])? && !region.contains(&[[0.61, 1.0]])?);
 /// # Ok::<(), stochens::Error>(())
@@ -44,23 +43,24 @@ pub struct Region {
 }
 
 impl Region {
-    /// The region of these parts around a `centre` (n, d), `d = n + m`, or one more with an offset.
+    /// The region of these parts around a `centre` (n, d), `d = n + m`, or one more with an offset; m are the inputs.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn new(
-        centre: &[f64],
-        n: usize,
+    pub fn new<'a>(
+        centre: impl Into<MatrixView<'a>>,
         m: usize,
         parts: Vec<Arc<Part>>,
         frobenius: Option<f64>,
         future: bool,
     ) -> Result<Self> {
-        let d = centre.len().checked_div(n).unwrap_or(0);
-        if n == 0 || m == 0 || centre.len() != n * d || !(d == n + m || d == n + m + 1) {
-            let (expected, found) = (format!("{n} x {} entries, or one column more", n + m), centre.len().to_string());
-            return Err(Error::Shape { name: "centre", expected, found });
+        let centre = centre.into();
+        let (n, d) = centre.shape();
+        if n == 0 || m == 0 || d.checked_sub(n).is_none_or(|beside| beside != m && beside - 1 != m) {
+            let expected = format!("{n} rows, as many columns and {m}, or one more, with a state and an input");
+            return Err(Error::Shape { name: "centre", expected, found: format!("{n} x {d}") });
         }
+        let centre = centre.sized("centre", n, d)?;
         let mut times = try_zeros::<usize>(WHAT, n)?;
         for part in &parts {
             let outside = part.columns.iter().any(|j| *j >= d) || part.rows.iter().any(|i| *i >= n);
@@ -76,7 +76,7 @@ impl Region {
                 });
             }
         }
-        Ok(Self { n, m, d, centre: try_copy(WHAT, centre)?, parts, frobenius, future, noise: None })
+        Ok(Self { n, m, d, centre: try_copy(WHAT, &centre)?, parts, frobenius, future, noise: None })
     }
 
     /// The same with a bound (n, n) of the covariance of the noise that holds in the same event.

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::identify::{Fitted, Symmetric, spectral_norm};
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_copy, try_zeros};
 
 pub(super) const WHAT: &str = "a region of models";
@@ -26,15 +27,16 @@ pub struct PartOf<'a> {
     /// See `rows`.
     pub columns: &'a [usize],
     /// `white' white = V^+` (rank, columns).
-    pub white: &'a [f64],
+    pub white: MatrixView<'a>,
     /// `root' root = V` (any, columns).
-    pub root: &'a [f64],
-    /// The directions of z that the data do not determine, as columns (columns, any). Rows that are rounding are 0.
-    pub missing: &'a [f64],
+    pub root: MatrixView<'a>,
+    /// The directions of z that the data do not determine, as columns (columns, any), if there are any. Rows that are
+    /// rounding are 0.
+    pub missing: Option<MatrixView<'a>>,
     /// Smallest over largest singular value of the data with columns of unit length.
     pub ratio: f64,
     /// `S` (rows, rows).
-    pub shape: &'a [f64],
+    pub shape: MatrixView<'a>,
     /// The factor; may be infinite.
     pub factor: f64,
 }
@@ -60,39 +62,38 @@ pub struct Part {
     deviations: Vec<f64>,
 }
 
+/// The directions, as columns of so many entries.
+pub(super) fn directions(missing: &[f64], entries: usize) -> Option<MatrixView<'_>> {
+    (!missing.is_empty()).then(|| MatrixView::of(missing, missing.len() / entries))
+}
+
 impl Part {
     /// # Errors
     /// [`Error::Shape`], [`Error::Value`] for a factor that is no number >= 0, [`Error::Overflow`] for a shape that is not
     /// finite, [`Error::Memory`].
     pub fn new(of: PartOf<'_>) -> Result<Self> {
         let (n, d) = (of.rows.len(), of.columns.len());
-        if of.shape.len() != checked_len(WHAT, n, n)? {
-            let found = of.shape.len().to_string();
-            return Err(Error::Shape { name: "S", expected: format!("{n} x {n} entries"), found });
-        }
-        for (name, values) in [("white", of.white), ("root", of.root), ("missing", of.missing)] {
-            if !if d == 0 { values.is_empty() } else { values.len().is_multiple_of(d) } {
-                let found = values.len().to_string();
-                return Err(Error::Shape { name, expected: format!("a multiple of {d} entries"), found });
-            }
-        }
+        let shape = of.shape.sized("S", n, n)?;
+        let white = of.white.wide("white", d)?;
+        let root = of.root.wide("root", d)?;
+        let missing = of.missing.map(|of| of.high("missing", d)).transpose()?.unwrap_or_default();
         if of.factor.is_nan() || of.factor < 0.0 {
             return Err(Error::Value { name: "factor", expected: "at least 0", found: of.factor.to_string() });
         }
         let finite = of.factor.is_finite();
-        let radius = if finite { (of.factor * spectral_norm(of.shape, n, n)?).sqrt() } else { f64::INFINITY };
+        let radius = if finite { (of.factor * spectral_norm(&shape, n, n)?).sqrt() } else { f64::INFINITY };
         let mut deviations = try_zeros(WHAT, n)?;
         for (i, to) in deviations.iter_mut().enumerate() {
-            *to = if finite { (of.factor * of.shape[i * (n + 1)].max(0.0)).sqrt() } else { f64::INFINITY };
+            *to = if finite { (of.factor * shape[i * (n + 1)].max(0.0)).sqrt() } else { f64::INFINITY };
         }
         Ok(Self {
             rows: try_copy(WHAT, of.rows)?,
             columns: try_copy(WHAT, of.columns)?,
-            white: try_copy(WHAT, of.white)?,
-            root: try_copy(WHAT, of.root)?,
-            missing: try_copy(WHAT, of.missing)?,
+            white: try_copy(WHAT, &white)?,
+            root: try_copy(WHAT, &root)?,
+            missing: try_copy(WHAT, &missing)?,
             ratio: of.ratio,
-            shape: try_copy(WHAT, of.shape)?,
+            shape: try_copy(WHAT, &shape)?,
             factor: of.factor,
             radius,
             deviations,
@@ -118,8 +119,10 @@ impl Part {
             let rounding = |r: f64| WIDER * (1.0 + 1.0 / factor.sqrt()) * r;
             wide.iter_mut().step_by(n + 1).zip(&f.rounding).for_each(|(v, r)| *v += n as f64 * rounding(*r).powi(2));
         }
-        let (rows, columns, white, root) = (&f.rows, &f.columns, &f.white, &f.root);
-        Self::new(PartOf { rows, columns, white, root, missing, ratio: f.ratio, shape: &wide, factor })
+        let (rows, columns, shape) = (&f.rows, &f.columns, MatrixView::of(&wide, n));
+        let [white, root] = [&f.white, &f.root].map(|of| MatrixView::of(of, columns.len()));
+        let missing = directions(missing, columns.len());
+        Self::new(PartOf { rows, columns, white, root, missing, ratio: f.ratio, shape, factor })
     }
 
     /// What it is made of.
@@ -128,11 +131,11 @@ impl Part {
         PartOf {
             rows: &self.rows,
             columns: &self.columns,
-            white: &self.white,
-            root: &self.root,
-            missing: &self.missing,
+            white: MatrixView::of(&self.white, self.columns.len()),
+            root: MatrixView::of(&self.root, self.columns.len()),
+            missing: directions(&self.missing, self.columns.len()),
             ratio: self.ratio,
-            shape: &self.shape,
+            shape: MatrixView::of(&self.shape, self.rows.len()),
             factor: self.factor,
         }
     }

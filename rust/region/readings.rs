@@ -122,7 +122,7 @@ impl Gate {
         covered(WHAT, 256 * (p as u128 + 16).pow(2) * (region.parts().len() as u128 + 4), || {
             let shape = |part: &Arc<Part>| {
                 let (of, mut shape) = (part.of(), Mat::zeros(p, p));
-                for (i, row) in of.rows.iter().zip(of.shape.chunks_exact(of.rows.len())) {
+                for (i, row) in of.rows.iter().zip(part.shape.chunks_exact(of.rows.len())) {
                     of.rows.iter().zip(row).for_each(|(j, v)| shape[(*i, *j)] = v * of.factor);
                 }
                 shape

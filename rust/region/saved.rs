@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::models::Region;
 use super::part::{Part, PartOf, WHAT};
 use crate::error::Result;
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_collect, try_push};
 use crate::parallel::Stop;
 use crate::storage::{Saved, Sections, damaged};
@@ -22,7 +23,7 @@ impl Saved for Region {
         to.put_f64("centre", &self.centre)?;
         to.put_f64("frobenius", self.frobenius.as_slice())?;
         to.put_f64("noise", self.noise().unwrap_or_default())?;
-        self.parts.iter().enumerate().try_for_each(|(k, part)| put_part(part.of(), k, to))
+        self.parts.iter().enumerate().try_for_each(|(k, part)| put_part(part, k, to))
     }
 
     fn take(from: &mut Sections, _: &Stop) -> Result<Self> {
@@ -37,18 +38,18 @@ impl Saved for Region {
         for k in 0..count {
             try_push(WHAT, &mut parts, Arc::new(take_part(k, from)?))?;
         }
-        let region = Self::new(&centre, n, m, parts, frobenius.first().copied(), future == 1)?;
+        let region = Self::new(MatrixView::of(&centre, d), m, parts, frobenius.first().copied(), future == 1)?;
         region.with_noise((!noise.is_empty()).then_some(noise))
     }
 }
 
-fn put_part(of: PartOf<'_>, k: usize, to: &mut Sections) -> Result<()> {
+fn put_part(of: &Part, k: usize, to: &mut Sections) -> Result<()> {
     require_set(of, k)?;
-    for (name, places) in [("rows", of.rows), ("columns", of.columns)] {
+    for (name, places) in [("rows", &of.rows), ("columns", &of.columns)] {
         let places = try_collect(WHAT, places.iter().map(|at| *at as u64))?;
         to.put_u64(format!("part{k}.{name}"), &places)?;
     }
-    for (name, values) in [("white", of.white), ("root", of.root), ("missing", of.missing), ("shape", of.shape)] {
+    for (name, values) in [("white", &of.white), ("root", &of.root), ("missing", &of.missing), ("shape", &of.shape)] {
         to.put_f64(format!("part{k}.{name}"), values)?;
     }
     to.put_f64(format!("part{k}.sizes"), &[of.ratio, of.factor])
@@ -63,20 +64,24 @@ fn take_part(k: usize, from: &mut Sections) -> Result<Part> {
     let mut values = |name: &str| from.take_reals(&format!("part{k}.{name}"), None);
     let (white, root, missing, shape) = (values("white")?, values("root")?, values("missing")?, values("shape")?);
     let sizes = from.take_reals(&format!("part{k}.sizes"), Some(2))?;
-    let (rows, columns, white, root) = (&rows[..], &columns[..], &white[..], &root[..]);
-    let of = PartOf { rows, columns, white, root, missing: &missing, ratio: sizes[0], shape: &shape, factor: sizes[1] };
-    let part = Part::new(of)?;
-    require_set(of, k)?;
+    let (n, d, rows, columns) = (rows.len(), columns.len(), &rows[..], &columns[..]);
+    let of = |values, rows: usize| MatrixView::new(values, rows, d);
+    let lines = |values: &[f64]| values.len().checked_div(d).unwrap_or(0);
+    let (white, root, shape) = (of(&white, lines(&white))?, of(&root, lines(&root))?, MatrixView::new(&shape, n, n)?);
+    let across = MatrixView::new(&missing, d, lines(&missing))?;
+    let (ratio, factor, missing) = (sizes[0], sizes[1], Some(across));
+    let part = Part::new(PartOf { rows, columns, white, root, missing, ratio, shape, factor })?;
+    require_set(&part, k)?;
     Ok(part)
 }
 
 /// Refuses matrices that describe no set, or not the same one.
-fn require_set(of: PartOf<'_>, k: usize) -> Result<()> {
+fn require_set(of: &Part, k: usize) -> Result<()> {
     let wrong = |expected| Err(damaged(expected, format!("others in part {k}")));
-    if ![of.rows, of.columns].iter().all(|places| places.is_sorted_by(|a, b| a < b)) {
+    if ![&of.rows, &of.columns].iter().all(|places| places.is_sorted_by(|a, b| a < b)) {
         return wrong("a region with rising rows and columns");
     }
-    if ![of.white, of.root, of.missing].iter().all(|values| values.iter().all(|v| v.is_finite())) {
+    if ![&of.white, &of.root, &of.missing].iter().all(|values| values.iter().all(|v| v.is_finite())) {
         return wrong("a region of finite numbers");
     }
     if !(0.0..=1.0).contains(&of.ratio) {

@@ -3,18 +3,20 @@ use std::sync::Arc;
 use super::*;
 use crate::Stop;
 use crate::identify::{Assumed, Covariance, Data, Design, Estimate, Magnitudes, Noise, Wish, f_upper, triangle};
+use crate::matrix::MatrixView;
 
 /// V = diag(4, 16), S = diag(1, 4): everything in closed form.
 fn region(factor: f64, by_rows: bool) -> Region {
-    let (white, root) = ([0.5, 0.0, 0.0, 0.25], [2.0, 0.0, 0.0, 4.0]);
+    let (white, root) = ((&[[0.5, 0.0], [0.0, 0.25]]).into(), (&[[2.0, 0.0], [0.0, 4.0]]).into());
     let part = |rows: &[usize], shape: &[f64]| {
-        let of = PartOf { rows, columns: &[0, 1], white: &white, root: &root, missing: &[], ratio: 1.0, shape, factor };
+        let shape = MatrixView::of(shape, rows.len());
+        let of = PartOf { rows, columns: &[0, 1], white, root, missing: None, ratio: 1.0, shape, factor };
         Arc::new(Part::new(of).unwrap())
     };
     let parts =
         if by_rows { vec![part(&[1], &[4.0]), part(&[0], &[1.0])] } else { vec![part(&[0, 1], &[1.0, 0.0, 0.0, 4.0])] };
     // the last column, that of the input, is known
-    Region::new(&[0.5, 1.0, 0.0, 0.1, 0.2, 7.0], 2, 1, parts, None, false).unwrap()
+    Region::new(&[[0.5, 1.0, 0.0], [0.1, 0.2, 7.0]], 1, parts, None, false).unwrap()
 }
 
 fn near(found: f64, expected: f64) {
@@ -74,14 +76,15 @@ fn models_inside_and_outside() {
 
 #[test]
 fn what_the_data_do_not_determine() {
+    let across = [[0.5f64.sqrt()], [0.5f64.sqrt()]];
     let of = PartOf {
         rows: &[0],
         columns: &[0, 1],
-        white: &[0.5, -0.5],
-        root: &[1.0, -1.0],
-        missing: &[0.5f64.sqrt(), 0.5f64.sqrt()],
+        white: (&[[0.5, -0.5]]).into(),
+        root: (&[[1.0, -1.0]]).into(),
+        missing: Some((&across).into()),
         ratio: 1.0,
-        shape: &[1.0],
+        shape: (&[[1.0]]).into(),
         factor: 1.0,
     };
     let part = Part::new(of).unwrap();
@@ -90,15 +93,26 @@ fn what_the_data_do_not_determine() {
     assert_eq!(part.length(&[1.0, 0.0]), f64::INFINITY);
     assert_eq!(part.length(&[1.0, -1.0 + 1e-9]), f64::INFINITY);
     assert_eq!((part.length(&[0.0; 2]), part.rank()), (0.0, 1));
-    let region = Region::new(&[0.0, 0.0], 1, 1, vec![Arc::new(part)], None, false).unwrap();
+    let region = Region::new(&[[0.0, 0.0]], 1, vec![Arc::new(part)], None, false).unwrap();
     assert_eq!(region.spread(0, 1).unwrap(), f64::INFINITY);
     assert_eq!(region.projection((0, 0), (0, 1)).unwrap(), None);
-    let refused = [
-        Part::new(PartOf { factor: f64::NAN, ..of }),
-        Part::new(PartOf { shape: &[1.0; 2], ..of }),
-        Part::new(PartOf { white: &[1.0; 3], ..of }),
+    assert!(Part::new(PartOf { factor: f64::NAN, ..of }).is_err());
+    // as many entries as the right ones have, or others
+    let (row, column) = ((&[[0.5, -0.5]]).into(), (&[[0.5], [-0.5]]).into());
+    let shapes = [
+        ("white", PartOf { white: column, ..of }, "any x 2", "2 x 1"),
+        ("root", PartOf { root: column, ..of }, "any x 2", "2 x 1"),
+        ("missing", PartOf { missing: Some(row), ..of }, "2 x any", "1 x 2"),
+        ("S", PartOf { shape: row, ..of }, "1 x 1", "1 x 2"),
     ];
-    assert!(refused.iter().all(Result::is_err));
+    for (name, of, expected, found) in shapes {
+        let why = Part::new(of).unwrap_err().to_string();
+        assert_eq!(why, format!("`{name}` must have {expected} entries, got {found}"));
+    }
+    for (centre, found) in [(column, "2 x 1"), (MatrixView::of(&[0.0; 4], 4), "1 x 4")] {
+        let why = Region::new(centre, 1, Vec::new(), None, false).unwrap_err().to_string();
+        assert!(why.starts_with("`centre`") && why.ends_with(found), "{why}");
+    }
 }
 
 /// In one row the projection is an ellipse, by rows a box; the polygon is around both, and touches them.

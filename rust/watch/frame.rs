@@ -67,7 +67,7 @@ impl Frame {
         }
         let mut scale = try_zeros::<f64>(WHAT, d)?;
         for part in region.parts() {
-            let (of, width) = (part.of(), part.of().columns.len().max(1));
+            let (of, width) = (part, part.columns.len().max(1));
             for (at, j) in of.columns.iter().enumerate() {
                 scale[*j] = scale[*j].max(norm(of.root.iter().copied().skip(at).step_by(width)) / pairs.sqrt());
             }
@@ -90,7 +90,7 @@ impl Frame {
         let (mut begins, mut white) = (try_zeros(WHAT, 1)?, Vec::new());
         let (mut reach, mut norms) = (Vec::new(), Vec::new());
         for part in region.parts() {
-            let (of, width) = (part.of(), part.of().columns.len().max(1));
+            let (of, width) = (part, part.columns.len().max(1));
             for row in of.white.chunks_exact(width) {
                 let mut wide = try_zeros(WHAT, d)?;
                 of.columns.iter().zip(row).for_each(|(j, v)| wide[*j] = *v);
@@ -115,10 +115,10 @@ impl Frame {
         scale.iter().enumerate().for_each(|(j, v)| (scaled[j * (d + 1)], unscaled[j * (d + 1)]) = (1.0 / v, *v));
         if let [part] = region.parts()
             && white.len() == square
-            && part.of().root.len() == square
+            && part.root.len() == square
         {
             scaled.iter_mut().zip(&white).for_each(|(to, v)| *to = pairs.sqrt() * v);
-            unscaled.iter_mut().zip(part.of().root).for_each(|(to, v)| *to = v / pairs.sqrt());
+            unscaled.iter_mut().zip(&part.root).for_each(|(to, v)| *to = v / pairs.sqrt());
         }
         let centre = try_collect(WHAT, (0..n * d).map(|at| region.centre()[rows[at / d] * d + at % d]))?;
         let (sizes, parts) = ((n, d), try_collect(WHAT, region.parts().iter().cloned())?);

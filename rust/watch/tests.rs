@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::matrix::MatrixView;
 use crate::memory::tests::counted;
 use crate::region::{Part, PartOf, Region};
 use crate::window::{Kind, Window};
@@ -49,14 +50,14 @@ fn region(of: Option<[f64; 9]>) -> Region {
     let part = PartOf {
         rows: &[0, 1],
         columns: &[0, 1, 2],
-        white: &white,
-        root: &root,
-        missing: &[],
+        white: MatrixView::of(&white, 3),
+        root: MatrixView::of(&root, 3),
+        missing: None,
         ratio: 1.0,
-        shape: &[0.02, 0.004, 0.004, 0.01],
+        shape: (&[[0.02, 0.004], [0.004, 0.01]]).into(),
         factor: 1.0,
     };
-    Region::new(&CENTRE, 2, 1, vec![Arc::new(Part::new(part).unwrap())], None, false).unwrap()
+    Region::new(MatrixView::of(&CENTRE, 3), 1, vec![Arc::new(Part::new(part).unwrap())], None, false).unwrap()
 }
 
 fn frame() -> Frame {

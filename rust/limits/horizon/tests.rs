@@ -135,7 +135,7 @@ fn another_system_is_within_the_bounds() {
 /// A region (2, 3) with this centre.
 fn region(centre: impl Fn(usize, usize) -> f64, parts: Vec<Arc<Part>>) -> Region {
     let entries: Vec<f64> = (0..6).map(|at| centre(at / 3, at % 3)).collect();
-    Region::new(&entries, 2, 1, parts, None, false).unwrap()
+    Region::new(MatrixView::of(&entries, 3), 1, parts, None, false).unwrap()
 }
 
 /// A part holds every D whose `||D' p||` it bounds.
@@ -144,16 +144,16 @@ fn parts_and_shifts_agree() {
     let model = horizon(task(3, 0.5));
     let given = solved(&model, &X0).found;
     let at = model.states(&X0, &given.control).unwrap();
-    let identity = [1.0, 0.0, 0.0, 1.0];
+    let identity = (&[[1.0, 0.0], [0.0, 1.0]]).into();
     let (rows, columns) = ([0, 1], [0, 1]);
     let part = PartOf {
         rows: &rows,
         columns: &columns,
-        white: &identity,
-        root: &identity,
-        missing: &[],
+        white: identity,
+        root: identity,
+        missing: None,
         ratio: 1.0,
-        shape: &identity,
+        shape: identity,
         factor: 1e-4,
     };
     let own = |i: usize, j: usize| if j < 2 { A[2 * i + j] } else { B[i] };

@@ -59,8 +59,10 @@
 //! ```
 //!
 //! The best inputs within limits, again at every state: [`limits::horizon::RecedingHorizon`], a loop at 1 kHz. A gain that
-//! is proved for every system of a region, and what it survives: [`feedback::Loop`], [`feedback::Loop::margins`]. Estimates,
-//! regions and loops are files with [`storage::Saved`]; matrices are a [`MatrixView`], such as `&[[1.0, 0.1], [0.0, 1.0]]`.
+//! is proved for every system of a region, and what it survives: [`feedback::Loop`], [`feedback::Loop::margins`]. A loop
+//! from readings that may be lost or false, under loads that no one measures: [the example of `window`](window).
+//! Estimates, regions and loops are files with [`storage::Saved`]; matrices are a [`MatrixView`], such as
+//! `&[[1.0, 0.1], [0.0, 1.0]]`.
 //! Three programs are in `examples/`: `certified_gain`, `kilohertz_loop` and `fleet`.
 
 #![deny(missing_docs, unsafe_code)]

@@ -15,7 +15,7 @@ pub use time::instants;
 
 use crate::error::{Error, Result};
 use crate::memory::{covered, try_collect, try_collect_all, try_push};
-use cell::{Comma, has_unit, is_missing, is_number_with_comma, is_value, number, shown};
+use cell::{Comma, has_unit, is_missing, is_number_with_comma, is_thousands, is_value, number, shown};
 
 /// Bytes of the buffers of a CSV reader.
 const READER: u128 = 1 << 14;
@@ -72,8 +72,21 @@ impl Table {
         if table.lines.is_empty() {
             return Err(refuse("has no rows below the names of its columns".into()));
         }
-        table.comma = sep == b';' && (0..table.ends.len()).any(|k| is_number_with_comma(table.cell(k)));
+        table.comma = table.has_decimal_commas(sep);
         Ok(table)
+    }
+
+    /// Whether commas are decimal ones. Behind `;` they are; between tabs they may divide thousands, as English spreadsheets
+    /// write them: there one must be decimal for sure, and no number have a point.
+    fn has_decimal_commas(&self, sep: u8) -> bool {
+        let cells = || (0..self.ends.len()).map(|k| self.cell(k));
+        let sure = |cell: &str| is_number_with_comma(cell) && !is_thousands(cell);
+        let point = |cell: &str| cell.contains('.') && number(cell, Comma::None).is_some();
+        match sep {
+            b',' => false,
+            b';' => cells().any(is_number_with_comma),
+            _ => cells().any(sure) && !cells().any(point),
+        }
     }
 
     /// Takes the rows below the names, all of their number of cells.
@@ -194,7 +207,8 @@ impl Table {
         } else if self.comma && cell.contains('.') {
             ", where others have a decimal comma: write all numbers alike"
         } else if !self.comma && is_number_with_comma(cell) {
-            ": decimal commas are read where ; stands between the cells"
+            ": decimal commas are read where ; or a tab stands between the cells, if no number has a point, and not all \
+             may be thousands as 1,234"
         } else {
             ""
         }
@@ -213,7 +227,7 @@ impl Table {
 }
 
 fn is_comment(record: &StringRecord) -> bool {
-    record.get(0).is_some_and(|cell| cell.trim_start().starts_with(['#', '%']))
+    record.get(0).is_some_and(|cell| cell.trim_start().starts_with(['#', '%']) && !is_missing(cell.trim()))
 }
 
 /// What to do about a row with more or fewer cells than there are names.

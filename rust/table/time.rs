@@ -1,11 +1,12 @@
 //! Dates and times as in ISO 8601, with time zones or without.
 
+use super::cell::is_missing;
 use crate::error::Result;
 use crate::memory::try_push;
 
 const SECOND: i128 = 1_000_000_000;
 
-/// Dates and times in seconds since the first cell, NaN where a cell is empty; and the first cell that is neither, or
+/// Dates and times in seconds since the first cell, NaN where one is missing; and the first cell that is neither, or
 /// has a time zone where others have none.
 ///
 /// # Errors
@@ -13,9 +14,9 @@ const SECOND: i128 = 1_000_000_000;
 pub fn instants<'a>(cells: impl Iterator<Item = &'a str>) -> Result<(Vec<f64>, Option<usize>)> {
     let (mut seconds, mut first, mut zoned) = (Vec::new(), None, None);
     for (k, cell) in cells.map(str::trim).enumerate() {
-        let found = if cell.is_empty() { None } else { instant(cell) };
+        let found = if is_missing(cell) { None } else { instant(cell) };
         let same = found.is_none_or(|(_, zone)| *zoned.get_or_insert(zone) == zone);
-        if !same || (found.is_none() && !cell.is_empty()) {
+        if !same || (found.is_none() && !is_missing(cell)) {
             return Ok((seconds, Some(k)));
         }
         let time = found.map(|(time, _)| time);

@@ -46,6 +46,8 @@ AS_PLAIN = {
     "bars": (PLAIN.replace(",", " | "), {}),
     "a separator of one's own": ("sep=^\n" + PLAIN.replace(",", "^"), {}),
     "semicolons, decimal commas": (COMMA, {}),
+    "tabs, decimal commas": (COMMA.replace(";", "\t"), {}),
+    "bars, decimal commas": (COMMA.replace(";", " | "), {}),
     "semicolons in a text": (
         "\n".join([HEAD + ',"a; b"', *(row + ',"c; d"' for row in ROWS)]), {}
     ),
@@ -96,7 +98,9 @@ def test_a_row_of_units_becomes_part_of_the_names(tmp_path, names, units):
     assert in_ms.dt == pytest.approx(2e-5)
 
 
-@pytest.mark.parametrize("word", ["", " ", "nan", "NA", "n/a", "NULL", "None"])
+@pytest.mark.parametrize(
+    "word", ["", " ", "nan", "NA", "n/a", "NULL", "None", "#N/A", "<NA>", "-1.#IND", "-", "--", "---"]
+)
 def test_words_for_a_missing_number(tmp_path, word):
     text = PLAIN.replace(CELLS["v"][4], word)
     assert read(tmp_path, text).pieces.tolist() == [3, 6]
@@ -118,7 +122,10 @@ REFUSED = {
         "got 'p' in line 7, the names of the columns again: split the file there",
     ),
     "decimal commas between commas": (COMMA.replace(";", ","), {}, "4, in line 2: decimal"),
-    "a decimal comma": (COMMA.replace(";", "\t"), {}, "in line 2: decimal commas are read where ;"),
+    "a comma that may be decimal or divide thousands": (
+        f"{HEAD.replace(',', chr(9))}\n0\t1,234\t2\t3\n1\t2,345\t5\t7\n", {},
+        "'1,234' in line 2: decimal commas are read where ; or a tab",
+    ),
     "points among decimal commas": (
         COMMA.replace(";0,", ";1.0,"), {}, r"got '1\.0,\d+' in line \d+, where others have"
     ),

@@ -6,9 +6,9 @@
 //! e(K) = - sum_j A^p_j S^(1/2) Gamma c_j + sum_j A^p_j Delta_x e(j),    Delta_x = - S^(1/2) Gamma T_x.
 //! ```
 //!
-//! Along the plan of the pilot for a task fixed beforehand, `g_j = (R^-1)' z0(j)` and the pilot's A0 do not depend on Gamma:
-//! `F = sum_j A0^p_j S^(1/2) Gamma g_j` is Gaussian of covariance `C0 = sum_jk (g_j' g_k) A0^p_j S A0^p_k'`, exactly. So for every
-//! s, every plan, start and target at once, with `q` the quantile of `||F||`,
+//! Along the plan of the pilot for a task fixed beforehand, `g_j = (R^-1)' z0(j)` and the pilot's A0 do not depend on
+//! Gamma: `F = sum_j A0^p_j S^(1/2) Gamma g_j` is Gaussian of covariance `C0 = sum_jk (g_j' g_k) A0^p_j S A0^p_k'`,
+//! exactly. So for every s, every plan, start and target at once, with `q` the quantile of `||F||`,
 //!
 //! ```text
 //! ||x(K) - xf|| <= ||xh(K) - xf|| + |s| q + mismatch(s) + rest
@@ -16,10 +16,10 @@
 //! rest        = spectral wcs(A^p_j S^(1/2), b_j),    b_j >= ||T_x e(j)||.
 //! ```
 //!
-//! `b_j` is that of [`super::several_steps`], of which the first order is that of the same split of `T_x e(j)`, with a quantile of
-//! its own, where that is smaller. Without noise the rest is also bounded by its second order, see [`super::second`]. Noise of the
-//! run to come adds `sum_p A0^p w` to F, which is independent of it, with s = 1; `drift`, the quantile of
-//! `sum_p (A^p - A0^p) w`, to the mismatch; and `nu_j` to `b_j`.
+//! `b_j` is that of [`super::several_steps`], of which the first order is that of the same split of `T_x e(j)`, with a
+//! quantile of its own, where that is smaller. Without noise the rest is also bounded by its second order, see
+//! [`super::second`]. Noise of the run to come adds `sum_p A0^p w` to F, which is independent of it, with s = 1;
+//! `drift`, the quantile of `sum_p (A^p - A0^p) w`, to the mismatch; and `nu_j` to `b_j`.
 
 use crate::error::{Error, Result};
 use crate::fuse::{distance, norm};
@@ -36,10 +36,10 @@ use super::pilot::{Event, Pilot, WHAT};
 use super::plan::Endpoints;
 use super::powers::{Powers, deviations, first_order, in_units, largest_difference, product, products};
 use super::reference::{Reference, Shares};
-use super::second::Second;
+use super::second::Later;
 use super::several_steps::{Radii, Seen, norms, several_steps};
 use super::trajectory::states;
-use super::weighted::{Followed, Weighted, growth, rates};
+use super::weighted::Followed;
 
 /// What holds near a reference: `target`, `tube` and `components` are each a statement of its own.
 #[derive(Debug, Clone)]
@@ -114,7 +114,8 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Bounds of `||T_x e(j)||` of first order by the same split, j < K, given `T_x` and `(R^-1)'_x` (d, n); 0 for the last.
+    /// Bounds of `||T_x e(j)||` of first order by the same split, j < K, given `T_x` and `(R^-1)'_x` (d, n); 0 for the
+    /// last.
     fn between(&self, [tx, t0x]: [&[f64]; 2], stop: &Stop) -> Result<Vec<f64>> {
         let (n, d, s, count) = (self.n, self.d, self.even, self.plan.len());
         let level = self.shares.between / (count.max(2) as f64 - 1.0);
@@ -146,7 +147,8 @@ impl Work<'_> {
         Ok(first)
     }
 
-    /// Bounds of `|e(K)|_i`, which hold together, from those of what is not of first order: first order of a row exactly.
+    /// Bounds of `|e(K)|_i`, which hold together, from those of what is not of first order: first order of a row
+    /// exactly.
     fn components(&self, rest: &[f64]) -> Result<Vec<f64>> {
         let (n, width, count) = (self.n, self.d * self.n, self.plan.len());
         let quantile = |level: f64| Ok::<_, Error>(chi2_upper(level / n as f64, 1.0)?.sqrt());
@@ -195,7 +197,8 @@ impl Work<'_> {
         Ok(found)
     }
 
-    /// The s in [-1, 2] of the smallest `|s| q + mismatch(s)`, first order by the norm of Frobenius, in these units of the states.
+    /// The s in [-1, 2] of the smallest `|s| q + mismatch(s)`, first order by the norm of Frobenius, in these units of
+    /// the states.
     ///
     /// By `D = plan - reference`: `plan - s reference = D + (1 - s) reference`, without cancellation near s = 1.
     fn best(&self, q: f64, units: &[f64]) -> Result<f64> {
@@ -225,11 +228,12 @@ impl Work<'_> {
 }
 
 impl Pilot {
-    /// The certificate of the plan `inputs` (K, m) near a reference of as many steps; `noise`: with noise of the run to come.
+    /// The certificate of the plan `inputs` (K, m) near a reference of as many steps; `noise`: with noise of the run to
+    /// come.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::Value`] for an uncertain x0, which has none, [`Error::Overflow`] for states of the model that
-    /// leave the range of doubles, [`Error::Memory`], [`Error::Interrupted`].
+    /// [`Error::Shape`], [`Error::Value`] for an uncertain x0, which has none, [`Error::Overflow`] for states of the
+    /// model that leave the range of doubles, [`Error::Memory`], [`Error::Interrupted`].
     pub fn near(
         &self,
         reference: &Reference,
@@ -361,19 +365,10 @@ impl Pilot {
             let followed =
                 |a, seen, c| Followed { a, error: &root, seen, kernel: &kernel, c, radii: (spectral, frobenius) };
             let (own, other) = (followed(&a, &seen, &c), followed(&a0, &seen0, &reference.g));
-            // fixed with the reference: by its A0 alone
-            let rates = rates(growth(&a0, n, count)?);
-            let second = Second::new([&own, &other], n, stop)?;
-            let betas = second.as_ref().map(|of| of.betas(&rates, shares.later / 2.0)).transpose()?;
-            if let Some(mut weighted) = Weighted::new(&own, (n, n), &rates, betas.as_deref(), stop)? {
-                let mut last = try_filled(WHAT, f64::INFINITY, n)?;
-                if let Some(second) = second {
-                    let x = (4.0 * n as f64 / shares.later).ln();
-                    second.rows(count, [&work.own, &work.pilot], n, x, &mut last)?;
-                }
+            if let Some(mut later) = Later::new([&own, &other], (n, n), (shares.later, n), stop)? {
                 for (k, to) in back.iter_mut().enumerate().skip(1) {
-                    let second = (k == count).then_some(last.as_slice());
-                    *to = to.min(weighted.step(k, steps.outside.square(k - 1), second, &mut rows)?);
+                    let powers = (k == count).then_some([&work.own, &work.pilot]);
+                    *to = to.min(later.step(k, steps.outside.square(k - 1), powers, &mut rows)?);
                 }
             }
         }

@@ -1,14 +1,14 @@
 //! Outputs of a plan that is followed with a feedback, near a reference that was fixed before the noise of the data.
 //!
-//! With the notation of [`super::second`] and `h'e1_k = <Gamma, X_k>`, z a normal quantile of all steps and rows together, of which
-//! the last step has the larger share, for every s
+//! With the notation of [`super::second`] and `h'e1_k = <Gamma, X_k>`, z a normal quantile of all steps and rows
+//! together, of which the last step has the larger share, for every s
 //!
 //! ```text
 //! |<Gamma, X_k>| <= |s| z ||X0_k||_F + min(spectral ||X_k - s X0_k||_*, frobenius ||X_k - s X0_k||_F).
 //! ```
 //!
-//! In front of the state is the output of the step, on which nothing acts: `D = [I; G] S^(1/2)`. Noise of the run is that of
-//! [`super::carried`].
+//! In front of the state is the output of the step, on which nothing acts: `D = [I; G] S^(1/2)`. Noise of the run is
+//! that of [`super::carried`].
 
 use crate::error::{Error, Result};
 use crate::identify::{chi2_upper, covariance_root};
@@ -20,9 +20,9 @@ use super::carried::Carried;
 use super::pilot::{Event, Pilot, WHAT};
 use super::powers::{Powers, product};
 use super::reference::Shares;
-use super::second::Second;
+use super::second::Later;
 use super::several_steps::norms;
-use super::weighted::{Followed, Weighted, growth, rates};
+use super::weighted::Followed;
 
 /// Most operations for bounds of second order of all steps; above only the last has one.
 const WORK: f64 = 1e9;
@@ -70,8 +70,8 @@ struct Built {
 }
 
 impl Pilot {
-    /// The bounds for `shares`, with noise of the run where they have a share for it; infinite where numbers leave the range of
-    /// doubles. None where it would take too long, which only sizes decide.
+    /// The bounds for `shares`, with noise of the run where they have a share for it; infinite where numbers leave the
+    /// range of doubles. None where it would take too long, which only sizes decide.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
@@ -134,16 +134,11 @@ impl Pilot {
             c: &way.c,
             radii,
         });
-        // fixed with the reference: by its A alone
-        let rates = rates(growth(other.a, whole, steps)?);
-        let second = Second::new([&own, &other], whole, stop)?;
-        let betas = second.as_ref().map(|of| of.betas(&rates, shares.later / 2.0)).transpose()?;
-        let mut weighted = Weighted::new(&own, (whole, p), &rates, betas.as_deref(), stop)?;
-        if weighted.is_none() && steps > 1 {
+        let mut behind = Later::new([&own, &other], (whole, p), (shares.later, steps * p), stop)?;
+        if behind.is_none() && steps > 1 {
             return Ok(None);
         }
         let rows = (steps * p) as f64;
-        let x = (4.0 * rows / shares.later).ln();
         // deviations of one of the rows at the last step, which has the most, and of one before
         let times = |share: f64| -> Result<[f64; 2]> {
             let last = if steps > 1 { LAST } else { 1.0 };
@@ -160,12 +155,9 @@ impl Pilot {
         for (k, to) in model.chunks_exact_mut(p).enumerate().skip(1) {
             stop.check()?;
             first = [own.next(&first[0], k - 1, whole)?, other.next(&first[1], k - 1, whole)?];
-            if let Some(weighted) = &mut weighted {
-                let mut apart = try_filled(WHAT, f64::INFINITY, p)?;
-                if let Some(second) = second.as_ref().filter(|_| all || k == steps) {
-                    second.rows(k, outside.each_ref(), p, x, &mut apart)?;
-                }
-                weighted.step(k, outside[0].square(k - 1), Some(&apart), &mut later)?;
+            if let Some(behind) = &mut behind {
+                let powers = (all || k == steps).then_some(outside.each_ref());
+                behind.step(k, outside[0].square(k - 1), powers, &mut later)?;
             }
             for (i, (to, later)) in to.iter_mut().zip(&later).enumerate() {
                 let [x, x0] = first.each_ref().map(|of| &of[i * width..(i + 1) * width]);

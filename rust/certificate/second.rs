@@ -1,7 +1,8 @@
 //! The error near a reference that was fixed before the noise of the data: what is not of first order.
 //!
-//! Given what was before, Gamma is standard normal, and all of the reference is constant: `e1_j = N0_j gamma` with gamma the
-//! columns of Gamma, one below the other. With `T_j = E N_j`, `S0_t = sum_j t^(-2j) T0_j'T0_j` (Laurent and Massart 2000):
+//! Given what was before, Gamma is standard normal, and all of the reference is constant: `e1_j = N0_j gamma` with
+//! gamma the columns of Gamma, one below the other. With `T_j = E N_j`, `S0_t = sum_j t^(-2j) T0_j'T0_j` (Laurent and
+//! Massart 2000):
 //!
 //! ```text
 //! ||E e1||_t <= chaos(S0_t, x) + phi lam_max(sum_j t^(-2j) (T_j - T0_j)'(T_j - T0_j))^(1/2)
@@ -10,19 +11,19 @@
 //! Q = sym sum_j v_(k-1-j) (x) T_j,    h'e2_k = gamma'Q gamma.
 //! ```
 //!
-//! A covariance that is only bounded makes each of these smaller but the trace: in its place is the largest `|tr|` of all
-//! covariances below the bound, from the eigenvalues of the partial trace.
+//! A covariance that is only bounded makes each of these smaller but the trace: in its place is the largest `|tr|` of
+//! all covariances below the bound, from the eigenvalues of the partial trace.
 
 use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, covered, try_room, try_zeros};
+use crate::memory::{covered, try_collect, try_collect_all, try_filled, try_room};
 use crate::parallel::Stop;
 
 use super::carried::square_bytes;
 use super::nuclear::WHAT;
-use super::powers::{Powers, product};
-use super::weighted::Followed;
+use super::powers::Powers;
+use super::weighted::{Followed, Weighted, growth, rates};
 
 /// The most entries of Gamma.
 const WIDEST: usize = 300;
@@ -53,19 +54,6 @@ fn largest(of: &Matrix) -> Result<f64> {
     Ok(eigenvalues(of)?.iter().fold(0.0, |most: f64, v| most.max(v.abs())))
 }
 
-fn maps(of: &Followed<'_>, n: usize, stop: &Stop) -> Result<Vec<Matrix>> {
-    let (q, r) = (of.error.len() / n, of.seen.len() / n);
-    let steps = of.c.len() / r;
-    let (mut now, mut found) = (try_zeros(WHAT, checked_len(WHAT, n, q * r)?)?, try_room(WHAT, steps)?);
-    for j in 0..steps {
-        stop.check()?;
-        let seen = product(of.seen, &now, r, n, q * r)?;
-        found.push(MatRef::from_row_major_slice(&seen, r, q * r).to_owned());
-        now = of.next(&now, j, n)?;
-    }
-    Ok(found)
-}
-
 impl Second {
     /// None where it would take too long.
     pub fn new([own, reference]: [&Followed<'_>; 2], n: usize, stop: &Stop) -> Result<Option<Self>> {
@@ -75,9 +63,20 @@ impl Second {
         }
         let steps = own.c.len() / r;
         covered(WHAT, (16 * steps * (r + 16) * r * q + 64 * n * q * r) as u128, || {
-            let (own_maps, reference) = (maps(own, n, stop)?, maps(reference, n, stop)?);
-            Ok(Some(Self { own: own_maps, reference, q, phi: own.radii.1 }))
+            let maps = |of: &Followed<'_>| {
+                let matrix = |seen: Vec<f64>| MatRef::from_row_major_slice(&seen, r, q * r).to_owned();
+                try_collect_all(WHAT, of.maps(n, stop).map(|seen| seen.map(matrix)))
+            };
+            Ok(Some(Self { own: maps(own)?, reference: maps(reference)?, q, phi: own.radii.1 }))
         })?
+    }
+
+    /// `T_j` row by row, as [`Followed::maps`].
+    pub fn maps(&self) -> impl Iterator<Item = Result<Vec<f64>>> {
+        self.own.iter().map(|of| {
+            let entry = |at: usize| of[(at / of.ncols(), at % of.ncols())];
+            try_collect(WHAT, (0..of.nrows() * of.ncols()).map(entry))
+        })
     }
 
     /// Bounds of `||E e1||_t` for each of the rates, which were fixed with the reference; all with `level`.
@@ -106,10 +105,10 @@ impl Second {
     }
 
     /// Bounds of `|h'e2_k|` for the first rows of `M_p`, p < k, of both ways, for x of the level of each of them.
-    pub fn rows(&self, k: usize, powers: [&Powers; 2], p: usize, x: f64, rows: &mut [f64]) -> Result<()> {
+    fn rows(&self, k: usize, powers: [&Powers; 2], x: f64, rows: &mut [f64]) -> Result<()> {
         let width = self.own[0].ncols();
         covered(WHAT, 24 * square_bytes(width), || {
-            for (i, to) in rows.iter_mut().enumerate().take(p) {
+            for (i, to) in rows.iter_mut().enumerate() {
                 let (own, reference) =
                     (self.form(&self.own, k, powers[0], i), self.form(&self.reference, k, powers[1], i));
                 let off = &own - &reference;
@@ -153,5 +152,43 @@ impl Second {
             below -= value.min(0.0);
         }
         Ok(f64::max(above, below))
+    }
+}
+
+/// What is not of first order near a reference: by a weighted small gain, and with what is of second order.
+pub(super) struct Later {
+    second: Option<Second>,
+    weighted: Weighted,
+    /// Of the level of each row.
+    x: f64,
+}
+
+impl Later {
+    /// For the first `p` rows, with a level for so many `events`. None where it would take too long.
+    pub fn new(
+        [own, reference]: [&Followed<'_>; 2],
+        (n, p): (usize, usize),
+        (level, events): (f64, usize),
+        stop: &Stop,
+    ) -> Result<Option<Self>> {
+        // fixed with the reference: by its A alone
+        let rates = rates(growth(reference.a, n, own.c.len() / (own.seen.len() / n))?);
+        let second = Second::new([own, reference], n, stop)?;
+        let betas = second.as_ref().map(|of| of.betas(&rates, level / 2.0)).transpose()?;
+        let maps: Box<dyn Iterator<Item = Result<Vec<f64>>>> = match &second {
+            Some(second) => Box::new(second.maps()),
+            None => Box::new(own.maps(n, stop)),
+        };
+        let weighted = Weighted::new(own, (n, p), &rates, betas.as_deref(), maps, stop)?;
+        Ok(weighted.map(|weighted| Self { second, weighted, x: (4.0 * events as f64 / level).ln() }))
+    }
+
+    /// As [`Weighted::step`], with the second order where the powers of both ways are given.
+    pub fn step(&mut self, k: usize, square: &[f64], powers: Option<[&Powers; 2]>, rows: &mut [f64]) -> Result<f64> {
+        let mut apart = try_filled(WHAT, f64::INFINITY, rows.len())?;
+        if let (Some(second), Some(powers)) = (&self.second, powers) {
+            second.rows(k, powers, self.x, &mut apart)?;
+        }
+        self.weighted.step(k, square, Some(&apart), rows)
     }
 }

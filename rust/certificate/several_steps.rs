@@ -1,4 +1,5 @@
-//! The error of the model's trajectory over several steps, for all inputs at once, also for those chosen after the data.
+//! The error of the model's trajectory over several steps, for all inputs at once, also for those chosen after the
+//! data.
 //!
 //! In the event `||Gamma||_2 <= spectral`, `||Gamma||_F <= frobenius`, `Theta - H = -D`, `D = S^(1/2) Gamma V^(-1/2)`,
 //!
@@ -6,9 +7,10 @@
 //! e(k+1) = A e(k) + D z(k) + D_x e(k) (+ w(k))
 //! ```
 //!
-//! with the model's `A`, or `A + B K` with feedback `u(k) + K (x(k) - xh(k))`, and `S^(1/2)` (n, q), 0 in rows that are known.
-//! Of `e(k)` the first p rows are looked at, `P e(k)`; z is `(x, u)` or, with feedback, `[I; K] e(k)` for an error. With `c_k = V^(-1/2) z(k)`, `M_p = A^p S^(1/2)`, `W = [I; K]' V^-1 [I; K]` and `wcs` the weighted inequality of
-//! `Powers::cauchy_schwarz`:
+//! with the model's `A`, or `A + B K` with feedback `u(k) + K (x(k) - xh(k))`, and `S^(1/2)` (n, q), 0 in rows that are
+//! known. Of `e(k)` the first p rows are looked at, `P e(k)`; z is `(x, u)` or, with feedback, `[I; K] e(k)` for an
+//! error. With `c_k = V^(-1/2) z(k)`, `M_p = A^p S^(1/2)`, `W = [I; K]' V^-1 [I; K]` and `wcs` the weighted inequality
+//! of `Powers::cauchy_schwarz`:
 //!
 //! ```text
 //! lin_k(M) >= ||sum_{j<k} M_{k-1-j} Gamma c_j||                                  see `Powers::linear`
@@ -16,21 +18,24 @@
 //! r_k = lin_k(P M)       + ||P A^k|| rho0       + spectral wcs(P M_{k-1-j}, b_j)       (+ omega_k).
 //! ```
 //!
-//! What else bounds the first order, such as a reference, takes part in the minima; `b_k` of a step may then be smaller.
+//! What else bounds the first order, such as a reference, takes part in the minima; `b_k` of a step may then be
+//! smaller.
 //!
-//! Inputs that may be off the plan by d(k), `|d(k)|_i <= phi_i(k)`, whatever they react to, add `f_k >= |sum_{j<k} P A^(k-1-j) B d(j)|_i`
-//! to a bound of the components, `||f_k||` to `r_k`, and to `b_k` the same with the norms of the columns of `W^(1/2) A^(k-1-j) B`, and
-//! `sum_i ||V^(-1/2) I_i|| phi_i(k)`, I_i the unit vector of input i: then `b_k` bounds `||V^(-1/2) (e_k, d_k)||`.
+//! Inputs that may be off the plan by d(k), `|d(k)|_i <= phi_i(k)`, whatever they react to, add
+//! `f_k >= |sum_{j<k} P A^(k-1-j) B d(j)|_i` to a bound of the components, `||f_k||` to `r_k`, and to `b_k` the same
+//! with the norms of the columns of `W^(1/2) A^(k-1-j) B`, and `sum_i ||V^(-1/2) I_i|| phi_i(k)`, I_i the unit vector
+//! of input i: then `b_k` bounds `||V^(-1/2) (e_k, d_k)||`.
 //!
-//! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by induction.
+//! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by
+//! induction.
 //!
 //! From an exact start the last term of `r_k` is also bounded by a weighted small gain, see [`super::weighted`].
 //!
-//! Gaussian noise to come, with what the error of the model makes of it, is apart: see [`super::carried`]. `nu_k` is 0 then,
-//! and `omega_k` the quantile of its bound. Near a reference it is within `b_k`: it has a covariance `<= N` and is independent
-//! of the data, so that, given them, `n_k = sum_{i<k} A^(k-1-i) w(i)` is Gaussian of covariance `<= N_k = sum_{p<k} A^p N A^p'`,
-//! and `||P n_k|| <= omega_k`, `||W^(1/2) n_k|| <= nu_k` with quantiles of [`normal_quantile`], each with its own probability;
-//! `e_k` holds `n_k`, hence `nu_k` in `b_k`.
+//! Gaussian noise to come, with what the error of the model makes of it, is apart: see [`super::carried`]. `nu_k` is 0
+//! then, and `omega_k` the quantile of its bound. Near a reference it is within `b_k`: it has a covariance `<= N` and
+//! is independent of the data, so that, given them, `n_k = sum_{i<k} A^(k-1-i) w(i)` is Gaussian of covariance
+//! `<= N_k = sum_{p<k} A^p N A^p'`, and `||P n_k|| <= omega_k`, `||W^(1/2) n_k|| <= nu_k` with quantiles of
+//! [`normal_quantile`], each with its own probability; `e_k` holds `n_k`, hence `nu_k` in `b_k`.
 
 use crate::control::singular_values;
 use crate::error::{Error, Result};
@@ -67,8 +72,8 @@ pub(super) struct Radii<'a> {
     pub to_come: Option<Gaussian<'a>>,
     /// Whether it is within `b_k`, as near a reference; else it is bounded by itself, see [`super::carried`].
     pub within: bool,
-    /// Other bounds of `||sum_{j<k} P M_{k-1-j} Gamma c_j||` and of `||sum_{j<k} W^(1/2) M_{k-1-j} Gamma c_j||` (K + 1) that hold in
-    /// the event; infinite where there is none.
+    /// Other bounds of `||sum_{j<k} P M_{k-1-j} Gamma c_j||` and of `||sum_{j<k} W^(1/2) M_{k-1-j} Gamma c_j||` (K + 1)
+    /// that hold in the event; infinite where there is none.
     pub besides: [Option<&'a [f64]>; 2],
     /// How far inputs may be from those of the plan (K, m).
     pub apart: Option<&'a [f64]>,
@@ -319,7 +324,8 @@ pub(super) fn several_steps(
     let mut later = try_filled(WHAT, f64::INFINITY, checked_len(WHAT, steps + 1, p)?)?;
     if known && radii.rho0 == 0.0 && radii.apart.is_none() && radii.besides == [None; 2] && !radii.noise {
         let followed = Followed { a: &a, error: root, seen: &half, kernel: &inside, c: &c, radii: bounds };
-        if let Some(mut weighted) = Weighted::new(&followed, (n, p), &rates(growth(&a, n, steps)?), None, stop)? {
+        let (rates, maps) = (rates(growth(&a, n, steps)?), followed.maps(n, stop));
+        if let Some(mut weighted) = Weighted::new(&followed, (n, p), &rates, None, maps, stop)? {
             for (k, rows) in later.chunks_exact_mut(p).enumerate().skip(1) {
                 let whole = weighted.step(k, outside.square(k - 1), None, rows)?;
                 if whole < backs[k] {

@@ -1,16 +1,17 @@
 //! What is not of first order, by a weighted small gain.
 //!
-//! `f = E e` of `e(k+1) = A e(k) + D G (E e(k) + c_k)`, `e(0) = 0`, `||G|| <= rho`, satisfies `f = E e1 + T G f`, e1 of first
-//! order and T causal with the kernel `H_p = E A^p D`. In the norm `||f||_t^2 = sum_j t^(-2j) |f_j|^2` of k steps T has the
-//! gain `g_t` of the Toeplitz matrix of `t^-(p+1) H_p`, since G commutes with the weights. So for every t with `rho g_t < 1`
+//! `f = E e` of `e(k+1) = A e(k) + D G (E e(k) + c_k)`, `e(0) = 0`, `||G|| <= rho`, satisfies `f = E e1 + T G f`, e1 of
+//! first order and T causal with the kernel `H_p = E A^p D`. In the norm `||f||_t^2 = sum_j t^(-2j) |f_j|^2` of k steps
+//! T has the gain `g_t` of the Toeplitz matrix of `t^-(p+1) H_p`, since G commutes with the weights. So for every t
+//! with `rho g_t < 1`
 //!
 //! ```text
 //! |h'(e_k - e1_k)| <= rho (sum_j t^(2j) |D'A'^(k-1-j) h|^2)^(1/2) beta_t / (1 - rho g_t),    beta_t >= ||E e1||_t,
 //! beta_t = min(rho g_t ||c||_t, phi lam_max(sum_j t^(-2j) T_j'T_j)^(1/2)),    T_j: vec G -> E e1_j,  ||G||_F <= phi.
 //! ```
 //!
-//! The rates t may be chosen after the data. With a bound of second order, `h'e2_k = sum_j v_(k-1-j)' G E e1_j`, the rest of it is
-//! at most `rho g_t` times the right side, for the same t.
+//! The rates t may be chosen after the data. With a bound of second order, `h'e2_k = sum_j v_(k-1-j)' G E e1_j`, the
+//! rest of it is at most `rho g_t` times the right side, for the same t.
 
 use faer::Side;
 use faer::linalg::cholesky::llt::factor::LltError;
@@ -83,12 +84,14 @@ pub(super) fn rates(radius: f64) -> [f64; 8] {
 }
 
 impl Weighted {
-    /// For the first `p` rows; `betas`: other bounds of `||E e1||_t` for each of the rates. None where it would take too long.
+    /// For the first `p` rows; `betas`: other bounds of `||E e1||_t` for each of the rates; `maps`: those of
+    /// [`Followed::maps`]. None where it would take too long.
     pub fn new(
         of: &Followed<'_>,
         (n, p): (usize, usize),
         rates: &[f64],
         betas: Option<&[f64]>,
+        maps: impl Iterator<Item = Result<Vec<f64>>>,
         stop: &Stop,
     ) -> Result<Option<Self>> {
         let (q, r) = (of.error.len() / n, of.seen.len() / n);
@@ -97,7 +100,7 @@ impl Weighted {
         if steps < 2 || q * steps > LARGEST || !(rho.is_finite() && rho > 0.0 && rates.iter().all(|t| t.is_finite())) {
             return Ok(None);
         }
-        let bounds = if q * r <= WIDEST { Some(first_orders(of, n, rates, stop)?) } else { None };
+        let bounds = if q * r <= WIDEST { Some(first_orders((q * r, r), steps, maps, rates)?) } else { None };
         let mut found = Vec::new();
         for (at, &t) in rates.iter().enumerate() {
             stop.check()?;
@@ -125,8 +128,8 @@ impl Weighted {
         Ok(Some(Self { rates: found, small: Symmetric::new(p)? }))
     }
 
-    /// Takes in `P M_{k-1}` by its square (p, p), and gives bounds of `|P (e_k - e1_k)|` and of each row of it; `second`: bounds
-    /// of the second order of each row, or infinite.
+    /// Takes in `P M_{k-1}` by its square (p, p), and gives bounds of `|P (e_k - e1_k)|` and of each row of it;
+    /// `second`: bounds of the second order of each row, or infinite.
     pub fn step(&mut self, k: usize, square: &[f64], second: Option<&[f64]>, rows: &mut [f64]) -> Result<f64> {
         let p = rows.len();
         rows.fill(f64::INFINITY);
@@ -150,8 +153,8 @@ impl Weighted {
     }
 }
 
-/// Bounds of `rho g_t` over k steps, k <= K: by the horizons on which `s^2 / rho^2 I - M` is positive definite, M the Gram
-/// matrix of the Toeplitz matrix, last step first, so that its leading blocks are those of shorter horizons.
+/// Bounds of `rho g_t` over k steps, k <= K: by the horizons on which `s^2 / rho^2 I - M` is positive definite, M the
+/// Gram matrix of the Toeplitz matrix, last step first, so that its leading blocks are those of shorter horizons.
 fn gains(kernel: &Powers, (q, r, steps): (usize, usize, usize), t: f64, rho: f64) -> Result<Vec<f64>> {
     let size = (steps - 1) * q;
     covered(WHAT, 8 * square_bytes(size), || gains_of(kernel, (q, r, steps), t, rho))?
@@ -194,21 +197,23 @@ fn gains_of(kernel: &Powers, (q, r, steps): (usize, usize, usize), t: f64, rho: 
     Ok(found)
 }
 
-/// `lam_max(sum_{j<k} t^(-2j) T_j'T_j)^(1/2)` for each rate and k <= K, that of a longer horizon where it is not computed.
-fn first_orders(of: &Followed<'_>, n: usize, rates: &[f64], stop: &Stop) -> Result<Vec<Vec<f64>>> {
-    let (q, r) = (of.error.len() / n, of.seen.len() / n);
-    let (width, steps) = (q * r, of.c.len() / r);
-    let mut now = try_zeros(WHAT, checked_len(WHAT, n, width)?)?; // e1_j = now vec G
+/// `lam_max(sum_{j<k} t^(-2j) T_j'T_j)^(1/2)` for each rate and k <= K, that of a longer horizon where it is not
+/// computed.
+fn first_orders(
+    (width, r): (usize, usize),
+    steps: usize,
+    maps: impl Iterator<Item = Result<Vec<f64>>>,
+    rates: &[f64],
+) -> Result<Vec<Vec<f64>>> {
     let (mut sums, mut found) = (Vec::new(), Vec::new());
     for _ in rates {
         sums.push(Symmetric::new(width)?);
         found.push(try_zeros(WHAT, steps + 1)?);
     }
     let mut last = 0;
-    for j in 0..steps {
-        stop.check()?;
+    for (j, seen) in maps.enumerate() {
+        let seen = seen?;
         if j > 0 {
-            let seen = product(of.seen, &now, r, n, width)?;
             let mut turned = try_zeros(WHAT, width * r)?;
             turned.iter_mut().enumerate().for_each(|(at, to)| *to = seen[at % r * width + at / r]);
             let square = product(&turned, &seen, width, r, width)?;
@@ -229,12 +234,26 @@ fn first_orders(of: &Followed<'_>, n: usize, rates: &[f64], stop: &Stop) -> Resu
             }
             last = k;
         }
-        now = of.next(&now, j, n)?;
     }
     Ok(found)
 }
 
 impl Followed<'_> {
+    /// `T_j` with `E e1_j = T_j vec G`, j < K, each (r, r q) row by row.
+    pub fn maps(&self, n: usize, stop: &Stop) -> impl Iterator<Item = Result<Vec<f64>>> {
+        let (q, r) = (self.error.len() / n, self.seen.len() / n);
+        let mut now = Vec::new(); // e1_j = now vec G
+        (0..self.c.len() / r).map(move |j| {
+            stop.check()?;
+            if j == 0 {
+                now = try_zeros(WHAT, checked_len(WHAT, n, q * r)?)?;
+            }
+            let seen = product(self.seen, &now, r, n, q * r)?;
+            now = self.next(&now, j, n)?;
+            Ok(seen)
+        })
+    }
+
     /// `e1_{j+1}` from `e1_j`, each as a matrix (n, r q) that acts on the columns of G, one below the other.
     pub fn next(&self, now: &[f64], j: usize, n: usize) -> Result<Vec<f64>> {
         let (q, r) = (self.error.len() / n, self.seen.len() / n);

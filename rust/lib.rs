@@ -12,7 +12,8 @@
 //! 5. does 1-3 as a **stream** ([`streaming`]), with a certificate as stopping rule, whose state is saved in files
 //!    ([`storage`]).
 //! 6. **identifies** `A` and `B` from measured pairs ([`identify`]): least squares, and the laws of its error;
-//! 7. makes a **region** of models from data, says what it contains ([`region`]), and where a control leads the true system ([`certificate`]);
+//! 7. makes a **region** of models from data, says what it contains ([`region`]), and where a control leads the true
+//!    system ([`certificate`]);
 //! 8. computes **controls within limits** ([`limits`]), with a certificate, in loops anew at every state
 //!    ([`limits::horizon::RecedingHorizon`]), and **gains** that are proved for a region ([`feedback`]);
 //! 9. makes models of **windows** of readings and inputs where states are not measured ([`window`]);
@@ -58,9 +59,9 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 //!
-//! The best inputs within limits, again at every state: [`limits::horizon::RecedingHorizon`], a loop at 1 kHz. A gain that
-//! is proved for every system of a region, and what it survives: [`feedback::Loop`], [`feedback::Loop::margins`]. A loop
-//! from readings that may be lost or false, under loads that no one measures: [the example of `window`](window).
+//! The best inputs within limits, again at every state: [`limits::horizon::RecedingHorizon`], a loop at 1 kHz. A gain
+//! that is proved for every system of a region, and what it survives: [`feedback::Loop`], [`feedback::Loop::margins`].
+//! A loop from readings that may be lost or false, under loads that no one measures: [the example of `window`](window).
 //! Estimates, regions and loops are files with [`storage::Saved`]; matrices are a [`MatrixView`], such as
 //! `&[[1.0, 0.1], [0.0, 1.0]]`.
 //! Three programs are in `examples/`: `certified_gain`, `kilohertz_loop` and `fleet`.

@@ -2,8 +2,8 @@
 //!
 //! A usual store first reads the cache line that it changes. Most lines of a large result leave the caches before they
 //! are read again, so half of that traffic is wasted. Stores past the caches are faster only if their inputs are
-//! prefetched, and only where these are far apart: measured for 64 MiB of controls from sampled matrices, n = 100, m = 50
-//! took 3.6 ms with them and 7.6 ms without, n = 10, m = 4 took 6.2 ms and 4.5 ms.
+//! prefetched, and only where these are far apart: measured for 64 MiB of controls from sampled matrices, n = 100, m =
+//! 50 took 3.6 ms with them and 7.6 ms without, n = 10, m = 4 took 6.2 ms and 4.5 ms.
 
 #![allow(unsafe_code, reason = "these stores take pointers; every one stays inside an array it borrows")]
 

@@ -1,7 +1,7 @@
 //! Random streams, version 1: the only place where generators are created.
 //!
-//! A 256-bit [`Key`] and a `(purpose, line)` pair name a ChaCha8 stream. Index draws come from chunks of [`CHUNK`] words;
-//! a chunk is produced by eight interleaved xoshiro256++ lanes whose states are read from that ChaCha8 stream at
+//! A 256-bit [`Key`] and a `(purpose, line)` pair name a ChaCha8 stream. Index draws come from chunks of [`CHUNK`]
+//! words; a chunk is produced by eight interleaved xoshiro256++ lanes whose states are read from that ChaCha8 stream at
 //! `chunk * 256` bytes. Draw `i` of a line is therefore a pure function of `(key, line, i)`: the same for any number of
 //! threads, any order of the chunks and any total size.
 

@@ -1,6 +1,7 @@
 //! Noise of a run to come with what the error of the model makes of it, over a horizon.
 //!
-//! `n(k+1) = (A + D G E) n(k) + R w(k)`, `||G|| <= 1`, has for every such G a covariance of at most `Y_k`, with `Y_0 = 0` and
+//! `n(k+1) = (A + D G E) n(k) + R w(k)`, `||G|| <= 1`, has for every such G a covariance of at most `Y_k`, with
+//! `Y_0 = 0` and
 //!
 //! ```text
 //! Y_{k+1} = R R' + alpha D D' + A (Y_k + Y_k E' (alpha I - E Y_k E')^-1 E Y_k) A',    alpha I > E Y_k E',
@@ -36,7 +37,8 @@ pub(super) struct Carried<'a> {
     /// `R R'` and `rho^2 D D'` (n, n).
     noise: Mat<f64>,
     error: Mat<f64>,
-    /// `1 / (D D')_ii`, 0 where the error of the model does not act: in this metric alpha is chosen, whatever the units are.
+    /// `1 / (D D')_ii`, 0 where the error of the model does not act: in this metric alpha is chosen, whatever the units
+    /// are.
     weights: Vec<f64>,
     y: [Option<Mat<f64>>; KAPPAS.len()],
 }
@@ -97,7 +99,8 @@ impl<'a> Carried<'a> {
         Ok(next.is_all_finite().then_some(next))
     }
 
-    /// Of the first `p` rows: the covariance of the least trace (p, p), and the least variances (p); infinite without a bound.
+    /// Of the first `p` rows: the covariance of the least trace (p, p), and the least variances (p); infinite without a
+    /// bound.
     pub fn leading(&self, p: usize) -> Result<(Vec<f64>, Vec<f64>)> {
         let mut variances = try_filled(WHAT, f64::INFINITY, p)?;
         let (mut least, mut covariance) = (f64::INFINITY, try_filled(WHAT, f64::INFINITY, p * p)?);

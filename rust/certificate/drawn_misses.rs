@@ -1,4 +1,5 @@
-//! Where a control leads models that are drawn by the law of the estimate: how it may miss, of which nothing is certified.
+//! Where a control leads models that are drawn by the law of the estimate: how it may miss, of which nothing is
+//! certified.
 
 use crate::error::{Error, Result, require_finite};
 use crate::identify::EstimateLaw;
@@ -31,8 +32,8 @@ pub struct PlannedRun<'a> {
     pub gain: Option<&'a [f64]>,
 }
 
-/// `||x(K) - target||` of `size` drawn models, each of its own run; infinite where a run overflows. Of models of outputs it is
-/// that of the last outputs together, as many as the window has lags or filters.
+/// `||x(K) - target||` of `size` drawn models, each of its own run; infinite where a run overflows. Of models of
+/// outputs it is that of the last outputs together, as many as the window has lags or filters.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`], [`Error::Interrupted`].

@@ -72,13 +72,13 @@ struct Search<'a> {
     weights: Vec<f64>,
 }
 
-/// Inputs at their limits, run after run: each maximises `sum_k z_k' V^-1 Psi V^-1 z_k` over its own inputs, V with all runs
-/// before it (Frank and Wolfe's method for `phi`), which is convex in them; to a point that neither its linear part nor a
-/// single input improves.
+/// Inputs at their limits, run after run: each maximises `sum_k z_k' V^-1 Psi V^-1 z_k` over its own inputs, V with all
+/// runs before it (Frank and Wolfe's method for `phi`), which is convex in them; to a point that neither its linear
+/// part nor a single input improves.
 ///
 /// # Errors
-/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits in the wrong order, [`Error::Overflow`] if states of
-/// the model overflow, [`Error::Memory`], [`Error::Interrupted`].
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits in the wrong order, [`Error::Overflow`] if
+/// states of the model overflow, [`Error::Memory`], [`Error::Interrupted`].
 pub fn next_runs(goal: Goal<'_>, runs: NextRuns<'_>, key: &Key, stop: &Stop) -> Result<DesignedRuns> {
     let (count, mut search) = checked(goal, runs)?;
     let (n, one) = (goal.n, checked_len(WHAT, runs.steps, goal.m)?);

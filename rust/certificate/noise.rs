@@ -28,8 +28,8 @@ impl Gaussian<'_> {
         Ok(())
     }
 
-    /// Each of n variates of these variances is at most `t` deviations, with `P(|g| > t) = level / n` for one standard normal
-    /// g; the level is that of the last state or of an earlier one.
+    /// Each of n variates of these variances is at most `t` deviations, with `P(|g| > t) = level / n` for one standard
+    /// normal g; the level is that of the last state or of an earlier one.
     pub(super) fn of_components(&self, last: bool, variances: &[f64], to: &mut [f64]) -> Result<()> {
         let level = if last { self.end } else { self.before };
         let times = chi2_upper(level / variances.len() as f64, 1.0)?.sqrt();

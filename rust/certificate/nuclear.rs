@@ -1,15 +1,15 @@
 //! The largest `||sum_j M_j Gamma c_j||` over a spectral ball of `Gamma`.
 //!
-//! By duality it is the largest nuclear norm of `N(l) = sum_j M_j' l c_j'` over unit vectors `l` for `||Gamma||_2 <= 1`, and
-//! `||N||_* <= ||N T^(-1/2)||_F ||T^(1/2)||_F`, so that for every `T > 0` it is at most
+//! By duality it is the largest nuclear norm of `N(l) = sum_j M_j' l c_j'` over unit vectors `l` for
+//! `||Gamma||_2 <= 1`, and `||N||_* <= ||N T^(-1/2)||_F ||T^(1/2)||_F`, so that for every `T > 0` it is at most
 //!
 //! ```text
 //! nuc(T) = sqrt(tr T lam_max(sum_ij (c_i' T^-1 c_j) M_i M_j')).
 //! ```
 //!
-//! `T = S(X)^(1/2)`, `S(X) = sum_ij tr(M_i' X M_j) c_i c_j'`, where `X` takes the steps of Frank and Wolfe (1956) towards the
-//! largest `tr S(X)^(1/2)` over `X >= 0` of trace 1, which is the least of `nuc`. It decides when to stop, and nothing else:
-//! each `nuc(T)` is an upper bound.
+//! `T = S(X)^(1/2)`, `S(X) = sum_ij tr(M_i' X M_j) c_i c_j'`, where `X` takes the steps of Frank and Wolfe (1956)
+//! towards the largest `tr S(X)^(1/2)` over `X >= 0` of trace 1, which is the least of `nuc`. It decides when to stop,
+//! and nothing else: each `nuc(T)` is an upper bound.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -57,7 +57,8 @@ impl Terms<'_> {
         try_zeros(WHAT, checked_len(WHAT, self.rows, self.r * self.n)?)
     }
 
-    /// The squares `Z Z'` of `Z = sum_j y_j' (x) M_j` for other coordinates `y`, divided by the square of what is returned.
+    /// The squares `Z Z'` of `Z = sum_j y_j' (x) M_j` for other coordinates `y`, divided by the square of what is
+    /// returned.
     fn squares(&self, y: &[f64], total: &mut [f64], to: &mut [f64]) -> Result<f64> {
         let (k, rows, r, each) = (self.norms.len(), self.rows, self.r, self.rows * self.n);
         let whole = MatMut::from_row_major_slice_mut(total, each, r);
@@ -82,8 +83,8 @@ impl Terms<'_> {
         rows * n * r * (k + rows) + 20.0 * (rows.powi(3) + r.powi(3))
     }
 
-    /// An upper bound of the largest nuclear norm, infinite if there is no time for it; `enough` is a value that needs not be
-    /// found.
+    /// An upper bound of the largest nuclear norm, infinite if there is no time for it; `enough` is a value that needs
+    /// not be found.
     pub fn largest(&self, effort: Effort, enough: f64) -> Result<f64> {
         const MOST: f64 = 1e7;
         let (rows, n, r) = (self.rows, self.n, self.r);

@@ -1,10 +1,10 @@
 //! How far outputs may be from where a model of a window of them leads, in the event that it is in a region.
 //!
-//! The state x is such a window. In front of it we put the output of the step, on which nothing acts: `D = [I; G] S^(1/2)`
-//! and `P = [I 0]` in the recursion of [`several_steps`].
+//! The state x is such a window. In front of it we put the output of the step, on which nothing acts:
+//! `D = [I; G] S^(1/2)` and `P = [I 0]` in the recursion of [`several_steps`].
 //!
-//! Readings have the noise of the run, Gaussian and independent of the data, of covariance `<= Sbar`, with what the error of
-//! the model makes of it: see [`super::carried`]. These are K events, of equal shares.
+//! Readings have the noise of the run, Gaussian and independent of the data, of covariance `<= Sbar`, with what the
+//! error of the model makes of it: see [`super::carried`]. These are K events, of equal shares.
 
 use crate::error::{Error, Result};
 use crate::identify::covariance_root;
@@ -55,12 +55,12 @@ pub struct Outputs {
     pub readings: Option<OutputTube>,
 }
 
-/// The tubes for a `region` of the coefficients (p, d) of `y+ = Theta z` in this system, whose states are the window; those of
-/// readings for the probability given to their noise, of which the region must know the covariance.
+/// The tubes for a `region` of the coefficients (p, d) of `y+ = Theta z` in this system, whose states are the window;
+/// those of readings for the probability given to their noise, of which the region must know the covariance.
 ///
 /// # Errors
-/// [`Error::Shape`], [`Error::Overflow`] for states of the centre that leave the range of doubles, [`Error::Value`] for a
-/// probability outside (0, 1), [`Error::Memory`], [`Error::Interrupted`].
+/// [`Error::Shape`], [`Error::Overflow`] for states of the centre that leave the range of doubles, [`Error::Value`] for
+/// a probability outside (0, 1), [`Error::Memory`], [`Error::Interrupted`].
 pub fn outputs(
     region: &Region,
     system: Entering<'_>,

@@ -1,30 +1,33 @@
 //! A model by instruments that a pilot model simulates, with the exact law of its error.
 //!
-//! The pilot `H0` repeats each run on paper: from its measured start, with its inputs or its dither. This gives one `zeta` for
-//! each `z = (x, u, 1)`. Let the rows of `Z`, `Y`, `W` be regressors, outcomes and noise, `zeta = Q R` with orthonormal columns
-//! of Q. Given pilot, starts and inputs, Q is fixed and `W' Q = Sigma^(1/2) Gamma` with Gamma (n, d) standard normal, hence
+//! The pilot `H0` repeats each run on paper: from its measured start, with its inputs or its dither. This gives one
+//! `zeta` for each `z = (x, u, 1)`. Let the rows of `Z`, `Y`, `W` be regressors, outcomes and noise, `zeta = Q R` with
+//! orthonormal columns of Q. Given pilot, starts and inputs, Q is fixed and `W' Q = Sigma^(1/2) Gamma` with Gamma (n,
+//! d) standard normal, hence
 //!
 //! ```text
 //! H = Y' Q T,    T = (Z' Q)^-1,    H - Theta = Sigma^(1/2) Gamma T            exactly
 //! ||(H - Theta) z|| <= rho ||Sigma^(1/2)|| ||T z||        for all z at once where ||Gamma|| <= rho.
 //! ```
 //!
-//! An unknown covariance is bounded by the residuals `E = Y - Z H'`, which no direction of Q enters: `Q' E = 0`, and with
-//! `tau = ||T Z' (I - Q Q')||`
+//! An unknown covariance is bounded by the residuals `E = Y - Z H'`, which no direction of Q enters: `Q' E = 0`, and
+//! with `tau = ||T Z' (I - Q Q')||`
 //!
 //! ```text
 //! ||E||_F >= sigma (chi_{n (N - d)} - frobenius tau),    E' E >= (sqrt(lam_min W_n(I, N - d)) - spectral tau)^2 Sigma.
 //! ```
 //!
-//! For inputs by any feedback the weights of [`super::spend`] are the rows of Q, after a first part of the log that gives `H0`.
-//! Their Gamma is not independent of the residuals. With S and `H_LS` of least squares of the same pairs, `V = Z' Z`,
-//! `beta = lam_max(S^-1 (H_LS - H) V (H_LS - H)')`, `b = spectral ||T V^(1/2)||` and a the quantile of `lam_min W_n(I, N)`:
+//! For inputs by any feedback the weights of [`super::spend`] are the rows of Q, after a first part of the log that
+//! gives `H0`. Their Gamma is not independent of the residuals. With S and `H_LS` of least squares of the same pairs,
+//! `V = Z' Z`, `beta = lam_max(S^-1 (H_LS - H) V (H_LS - H)')`, `b = spectral ||T V^(1/2)||` and a the quantile of
+//! `lam_min W_n(I, N)`:
 //!
 //! ```text
 //! Sigma <= S / s,    sqrt(s) = (sqrt(beta b^2 + (1 + beta) (a - b^2)) - sqrt(beta) b) / (1 + beta)    if a > b^2,
 //! ```
 //!
-//! the root of `s + (sqrt(beta s) + b)^2 = a`, since `W W' = S + (H_LS - Theta) V (..)'`, `H_LS - Theta = (H_LS - H) + (H - Theta)`.
+//! the root of `s + (sqrt(beta s) + b)^2 = a`, since `W W' = S + (H_LS - Theta) V (..)'`,
+//! `H_LS - Theta = (H_LS - H) + (H - Theta)`.
 
 use std::sync::Arc;
 
@@ -42,7 +45,8 @@ use super::powers::{product, transposed_inverse};
 use super::spend::spend;
 
 pub(super) const WHAT: &str = "a model by instruments";
-/// `Z' Q` with columns of unit length counts as singular below this ratio of singular values: T would have half its digits.
+/// `Z' Q` with columns of unit length counts as singular below this ratio of singular values: T would have half its
+/// digits.
 const SINGULAR: f64 = 1e-8;
 /// The share of delta for an unknown covariance: fixed, not tuned on data.
 pub(super) const COVARIANCE: f64 = 0.12;
@@ -124,8 +128,8 @@ pub struct LaterPairs<'a> {
 
 impl Pilot {
     /// # Errors
-    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`] where the pilot's simulation or a square of the data leaves
-    /// the range of doubles, [`Error::Memory`], [`Error::Interrupted`].
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`] where the pilot's simulation or a square of the data
+    /// leaves the range of doubles, [`Error::Memory`], [`Error::Interrupted`].
     pub fn new(runs: MainRuns<'_>, simulation: Simulation<'_>, threads: usize, stop: &Stop) -> Result<Self> {
         room_for_products()?;
         let (n, m, model) = (runs.n, runs.m, simulation.model);
@@ -273,8 +277,9 @@ impl Pilot {
         self.ratio > SINGULAR
     }
 
-    /// The event of probability `1 - radii - noise`: norms of Gamma, each at half of `radii` or, without the one of Frobenius,
-    /// the other at all of it; and of an unknown covariance. A known one may be a bound that holds for each step.
+    /// The event of probability `1 - radii - noise`: norms of Gamma, each at half of `radii` or, without the one of
+    /// Frobenius, the other at all of it; and of an unknown covariance. A known one may be a bound that holds for each
+    /// step.
     ///
     /// # Errors
     /// [`Error::Value`] for levels outside (0, 1), [`Error::Shape`], [`Error::Memory`], [`Error::Interrupted`].
@@ -303,8 +308,8 @@ impl Pilot {
         Ok(Event { spectral, frobenius, covariance: self.widened(found) })
     }
 
-    /// The bound of an unknown covariance, each of n deviations of a diagonal one at its share of `delta`. It is infinite where
-    /// the bracket is below .1, so that rounding of E is multiplied by 10 at most.
+    /// The bound of an unknown covariance, each of n deviations of a diagonal one at its share of `delta`. It is
+    /// infinite where the bracket is below .1, so that rounding of E is multiplied by 10 at most.
     fn bound(
         &self,
         kind: Covariance<'_>,
@@ -349,12 +354,14 @@ impl Pilot {
         if found.iter().all(|v| v.is_finite()) { Ok(found) } else { try_filled(WHAT, f64::INFINITY, n * n) }
     }
 
-    /// A covariance with room for rounding: `(1 + 2 t) S + 36 n / t^2 diag(a^2)`, a the rounding of the rows of `H (Z' Q)`.
+    /// A covariance with room for rounding: `(1 + 2 t) S + 36 n / t^2 diag(a^2)`, a the rounding of the rows of
+    /// `H (Z' Q)`.
     ///
     /// With a row-wise error `|Err_i| <= a_i`, `H - Theta = (S^(1/2) Gamma + Err) T = S'^(1/2) Gamma' T`, where
-    /// `||Gamma'|| <= rho / sqrt(1 + t) + sqrt(n) / sqrt(36 n / t^2) <= rho` in both norms for every `rho >= 1 / 2`, and
-    /// t <= 1. The quantile of a part `sum M Gamma g` of the error grows in the same way by more than `sum M Err g`. The second t
-    /// is for the rounding of residuals. It holds for every t: the terms of the largest row are made equal.
+    /// `||Gamma'|| <= rho / sqrt(1 + t) + sqrt(n) / sqrt(36 n / t^2) <= rho` in both norms for every `rho >= 1 / 2`,
+    /// and t <= 1. The quantile of a part `sum M Gamma g` of the error grows in the same way by more than
+    /// `sum M Err g`. The second t is for the rounding of residuals. It holds for every t: the terms of the largest row
+    /// are made equal.
     fn widened(&self, mut covariance: Vec<f64>) -> Vec<f64> {
         let n = self.n;
         let share = |i: usize| match covariance[i * (n + 1)] {
@@ -370,8 +377,8 @@ impl Pilot {
         covariance
     }
 
-    /// The models that contain the true one with probability `1 - delta`, of which a part of .12 is for an unknown covariance;
-    /// with a bound of the norm of Frobenius too if `both`.
+    /// The models that contain the true one with probability `1 - delta`, of which a part of .12 is for an unknown
+    /// covariance; with a bound of the norm of Frobenius too if `both`.
     ///
     /// # Errors
     /// As [`Pilot::event`].

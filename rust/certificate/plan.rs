@@ -75,8 +75,9 @@ pub struct Plan {
     pub control: Option<ControlError>,
 }
 
-/// The certificate from all `ways`, of which each holds: the smallest target, and the smallest radius and component of any.
-/// Components of a region by rows, `apart`, are a statement of their own and replace the others. With `every`, bands too.
+/// The certificate from all `ways`, of which each holds: the smallest target, and the smallest radius and component of
+/// any. Components of a region by rows, `apart`, are a statement of their own and replace the others. With `every`,
+/// bands too.
 ///
 /// # Errors
 /// As [`trajectory`].
@@ -191,8 +192,8 @@ fn one_way(task: Endpoints<'_>, way: &Way<'_>, index: usize, (every, stop): (boo
 
 /// `||u - v||` for `v = B^+ (xf - A x0 - c)`, or why there is no bound; `end` is where the centre leads in one step.
 ///
-/// `v - u = B^+ (r + D z)`, `r = xf - C z` and `B^+ r = (B'B)^-1 (B_C' r + (B - B_C)' r)`. With `s = sigma_min(B_C)` and
-/// `||B - B_C|| <= eB < s`:
+/// `v - u = B^+ (r + D z)`, `r = xf - C z` and `B^+ r = (B'B)^-1 (B_C' r + (B - B_C)' r)`. With `s = sigma_min(B_C)`
+/// and `||B - B_C|| <= eB < s`:
 ///
 /// ```text
 /// (||D z|| + (||B_C' r|| + eB ||r||) / (s - eB)) / (s - eB).

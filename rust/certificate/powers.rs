@@ -43,8 +43,8 @@ pub(super) fn in_units(covariance: &mut [f64], units: &[f64]) {
     }
 }
 
-/// `(M^-1)'` (d, d) of a matrix with columns of these lengths, and the ratio of the singular values of it with columns of
-/// length 1.
+/// `(M^-1)'` (d, d) of a matrix with columns of these lengths, and the ratio of the singular values of it with columns
+/// of length 1.
 pub(super) fn transposed_inverse(matrix: &[f64], units: &[f64], d: usize) -> Result<(Vec<f64>, f64)> {
     let scaled = try_collect(WHAT, matrix.iter().zip(units.iter().cycle()).map(|(v, unit)| v / unit))?;
     let inverse = pseudoinverse(&scaled, d, d)?;
@@ -189,8 +189,8 @@ pub(super) fn first_order(a: &[f64], root: &[f64], c: &[f64], n: usize, d: usize
     Ok(all)
 }
 
-/// A bound of the largest `||sum_j M_{K-1-j} Gamma c_j - sum_j L_{K-1-j} Gamma g_j||` over `||Gamma||_2 <= 1`, for as many
-/// `M_p` as `L_p`; infinite if there is no time for it. `c` and `g` are (K, r).
+/// A bound of the largest `||sum_j M_{K-1-j} Gamma c_j - sum_j L_{K-1-j} Gamma g_j||` over `||Gamma||_2 <= 1`, for as
+/// many `M_p` as `L_p`; infinite if there is no time for it. `c` and `g` are (K, r).
 pub(super) fn largest_difference(
     [m, l]: [&Powers; 2],
     [c, g]: [&[f64]; 2],

@@ -1,4 +1,5 @@
-//! The plan of a pilot for a task that was fixed before the noise of the data, and the shares of a level: see [`super::near`].
+//! The plan of a pilot for a task that was fixed before the noise of the data, and the shares of a level: see
+//! [`super::near`].
 
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, try_filled, try_room};

@@ -1,13 +1,13 @@
 //! Weights that make the error of a fit with feedback exactly Gaussian.
 //!
-//! Let q(t) in R^d depend on what was before w(t+1) alone, and `sum_t q(t) q(t)' = I` surely, for a number N of pairs that is
-//! fixed beforehand. Then `Gamma = Sigma^(-1/2) sum_t w(t+1) q(t)'` is standard normal (n, d), whatever the design: for every L
-//! `exp(i sum <L q, Sigma^(-1/2) w> + ||L q||^2 / 2)` is a martingale, and at N its compensator is the constant
-//! `||L||_F^2 / 2` (Lai and Siegmund 1983, here for matrices, with the last d weights as completion).
+//! Let q(t) in R^d depend on what was before w(t+1) alone, and `sum_t q(t) q(t)' = I` surely, for a number N of pairs
+//! that is fixed beforehand. Then `Gamma = Sigma^(-1/2) sum_t w(t+1) q(t)'` is standard normal (n, d), whatever the
+//! design: for every L `exp(i sum <L q, Sigma^(-1/2) w> + ||L q||^2 / 2)` is a martingale, and at N its compensator is
+//! the constant `||L||_F^2 / 2` (Lai and Siegmund 1983, here for matrices, with the last d weights as completion).
 //!
-//! The weights spend I as least squares would: `q = M x` in coordinates x in which the first part has covariance I, M the
-//! geometric mean of `((N - t) Vh)^-1` and of what is left, Vh the mean square so far. No step takes more than half of what is
-//! left in its direction; the last d directions are completed.
+//! The weights spend I as least squares would: `q = M x` in coordinates x in which the first part has covariance I, M
+//! the geometric mean of `((N - t) Vh)^-1` and of what is left, Vh the mean square so far. No step takes more than half
+//! of what is left in its direction; the last d directions are completed.
 
 use faer::linalg::solvers::DenseSolveCore;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
@@ -106,8 +106,8 @@ fn geometric_mean(w: &Matrix, r: &Matrix) -> Option<Matrix> {
     Some(turned)
 }
 
-/// Weights (N, d) of the rows `z` (N, d), in the order of time; `root` (d, d), an upper triangle, has `root' root` the mean
-/// square of `before` rows that were before them.
+/// Weights (N, d) of the rows `z` (N, d), in the order of time; `root` (d, d), an upper triangle, has `root' root` the
+/// mean square of `before` rows that were before them.
 ///
 /// # Errors
 /// [`Error::Value`] for fewer than 2 d rows or a singular `root`, [`Error::Numerical`], [`Error::Memory`],

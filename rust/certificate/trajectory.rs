@@ -6,8 +6,8 @@
 //! e(k+1) = A e(k) + D z(k) + D_x e(k) (+ w(k)),    z = (xh, u, 1),
 //! ```
 //!
-//! A the state matrix of C and `D_x` the first columns of D. What follows holds for all inputs at once, also for those chosen
-//! after the data, in the event that Theta is in the region.
+//! A the state matrix of C and `D_x` the first columns of D. What follows holds for all inputs at once, also for those
+//! chosen after the data, in the event that Theta is in the region.
 
 use crate::error::{Error, Result};
 use crate::fuse::norm;
@@ -32,8 +32,8 @@ pub struct Errors {
     pub radii: Vec<f64>,
     /// (K + 1, n); infinite but for the last where no others were asked for.
     pub bands: Vec<f64>,
-    /// For a region of one part: the part of `radii` that is of first order, and `b_k >= ||e(k)||` in the norm of `V^-1`
-    /// (K + 1); empty for others, or where a square overflows.
+    /// For a region of one part: the part of `radii` that is of first order, and `b_k >= ||e(k)||` in the norm of
+    /// `V^-1` (K + 1); empty for others, or where a square overflows.
     pub linear: Vec<f64>,
     /// See `linear`.
     pub rest: Vec<f64>,
@@ -77,8 +77,8 @@ pub fn states(region: &Region, x0: &[f64], inputs: &[f64]) -> Result<Vec<f64>> {
     Ok(states)
 }
 
-/// The inputs (K, m) of the centre under `u(k) + K (x(k) - planned(k))` from x0, for a plan with other states (K + 1, n): about
-/// these inputs and the states they lead to, the feedback is the same.
+/// The inputs (K, m) of the centre under `u(k) + K (x(k) - planned(k))` from x0, for a plan with other states (K + 1,
+/// n): about these inputs and the states they lead to, the feedback is the same.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::Overflow`], [`Error::Memory`].
@@ -107,8 +107,8 @@ pub fn followed(region: &Region, x0: &[f64], inputs: &[f64], planned: &[f64], ga
     Ok(made)
 }
 
-/// The errors under `inputs` (K, m) from an x0 known up to `rho0`. They include the noise that the region covers, or that of
-/// `to_come`; where a square overflows they are infinite. With `every`, bands of every step.
+/// The errors under `inputs` (K, m) from an x0 known up to `rho0`. They include the noise that the region covers, or
+/// that of `to_come`; where a square overflows they are infinite. With `every`, bands of every step.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::Overflow`] for states of the centre that leave the range of doubles, [`Error::Value`] for
@@ -200,8 +200,8 @@ fn one_part(
 
 /// `|D z|_i <= c_i(z)` and `|D_x e|_i <= s_i ||e||` for regions of several parts.
 ///
-/// Unrolled, `e(k) = A^k e(0) + sum_{j<k} A^(k-1-j) (D z(j) + D_x e(j) + w(j))`, so that by induction `r_k`, the smaller of
-/// the norm of
+/// Unrolled, `e(k) = A^k e(0) + sum_{j<k} A^(k-1-j) (D z(j) + D_x e(j) + w(j))`, so that by induction `r_k`, the
+/// smaller of the norm of
 ///
 /// ```text
 /// E_k = |(A^k)_i| rho0 + sum_{j<k} |A^(k-1-j)| (c(z(j)) + s r_j + omega)

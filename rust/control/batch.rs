@@ -1,7 +1,7 @@
 //! The controls `u^s = B^+ y^s` of all realizations, written into memory of the caller.
 //!
-//! A singleton `x0^s` picks one column of `A^s`, and that column has one nonzero (columns scheme): `y^s` then has at most
-//! two, and `u^s` is the sum of two scaled columns of `B^+`, `O(m)` per realization ([`super::singleton_rows`]).
+//! A singleton `x0^s` picks one column of `A^s`, and that column has one nonzero (columns scheme): `y^s` then has at
+//! most two, and `u^s` is the sum of two scaled columns of `B^+`, `O(m)` per realization ([`super::singleton_rows`]).
 //! Everything else goes through blocks of dense `y` and one matrix product each ([`super::dense_rows`]).
 
 use super::dense_rows;
@@ -30,8 +30,8 @@ const ENTRIES: usize = 8192;
 pub enum Memory {
     /// Never written before: the system clears its pages through the cache, so the controls are stored there too.
     Fresh,
-    /// Written before: controls of singletons (drawn by columns) of 64 or more states, 32 MiB or more, are stored past the
-    /// caches.
+    /// Written before: controls of singletons (drawn by columns) of 64 or more states, 32 MiB or more, are stored past
+    /// the caches.
     Used,
 }
 

@@ -1,9 +1,10 @@
 //! The best control of exact data, refined, with bounds on its rounding and on the least distance.
 //!
 //! With `C = C_K` and `y = xf - A^K x0`, the best control `v* = C^+ y` and the residual `r* = y - C v*` solve
-//! `f = y - r - C v = 0`, `g = C^T r = 0`, `h = v - C^T w = 0` for some w. All three are computed in twice the precision
-//! along the motion, so that neither `C` nor `A^K` is rounded; the corrections follow from the singular vectors
-//! (Bjorck, BIT 7 (1967) 257-278). For any v, r, w, and s at most the least singular value of `C` that is not 0:
+//! `f = y - r - C v = 0`, `g = C^T r = 0`, `h = v - C^T w = 0` for some w. All three are computed in twice the
+//! precision along the motion, so that neither `C` nor `A^K` is rounded; the corrections follow from the singular
+//! vectors (Bjorck, BIT 7 (1967) 257-278). For any v, r, w, and s at most the least singular value of `C` that is not
+//! 0:
 //!
 //! ```text
 //! v - v* = (I - C^+ C) h - C^+ f - C^+ C^+^T g        ||v - v*|| <= ||h|| + ||f|| / s + ||g|| / s^2
@@ -22,8 +23,8 @@ const WHAT: &str = "a control in twice the precision";
 const MOST: usize = 20;
 /// A correction that gains less than this factor is the last one.
 const GAIN: f64 = 0.7;
-/// Times `||y|| / ||C||`: the controls that [`Best::lower`] is about where the rank is not certain. A larger one can act
-/// in a direction that cannot be told from one without effect in twice the precision.
+/// Times `||y|| / ||C||`: the controls that [`Best::lower`] is about where the rank is not certain. A larger one can
+/// act in a direction that cannot be told from one without effect in twice the precision.
 const LARGEST: f64 = 1e20;
 /// Seven bits more than a double has.
 const ENOUGH: f64 = f64::EPSILON / 256.0;
@@ -208,8 +209,8 @@ impl Refined {
         Ok(())
     }
 
-    /// `lost`: at least `||C low||`; `gap`: a lower bound of the least singular value that is not 0; `largest`: a size of
-    /// controls. The bound of the state is one of the residual, too: `||r - r*|| <= ||f|| + ||C (v - v*)||`.
+    /// `lost`: at least `||C low||`; `gap`: a lower bound of the least singular value that is not 0; `largest`: a size
+    /// of controls. The bound of the state is one of the residual, too: `||r - r*|| <= ||f|| + ||C (v - v*)||`.
     fn bounds(&self, lost: f64, gap: f64, largest: f64) -> Bounds {
         let (n, width) = (self.r.high.len(), self.v.high.len());
         let [f, g, h] = self.off;

@@ -1,7 +1,7 @@
 //! The best control of an exact problem with its factors, and other controls beside it.
 //!
-//! The factored matrix is `C_K = [B, A B, ..., A^{K-1} B]` in doubles. [`ExactControl::off`] bounds how far the product of
-//! the factors is from the exact `C_K`, so that `s_r - off` is at most its least singular value that is not 0.
+//! The factored matrix is `C_K = [B, A B, ..., A^{K-1} B]` in doubles. [`ExactControl::off`] bounds how far the product
+//! of the factors is from the exact `C_K`, so that `s_r - off` is at most its least singular value that is not 0.
 
 use std::sync::Arc;
 
@@ -22,7 +22,8 @@ const EPS: f64 = f64::EPSILON;
 const REACHABLE: f64 = 1.0 / 67_108_864.0;
 /// Times `||y|| / ||C_K||`: [`Best::lower`] is about controls up to there where the rank is not certain.
 const LARGEST: f64 = 1e20;
-/// `n width min(n, width)` from which the factors, whose computation cannot be stopped, have a thread of their own: .1 s.
+/// `n width min(n, width)` from which the factors, whose computation cannot be stopped, have a thread of their own: .1
+/// s.
 const LONG: f64 = 1e7;
 
 /// A matrix `B = U diag(s) V^T` with its pseudoinverse.
@@ -132,8 +133,8 @@ pub struct Reach {
     pub relative: f64,
 }
 
-/// Another control beside the best one: the errors of the control and of the state, each with its rounding and with what
-/// it is relative to; and the residual.
+/// Another control beside the best one: the errors of the control and of the state, each with its rounding and with
+/// what it is relative to; and the residual.
 #[derive(Debug, Clone, Copy)]
 pub struct Beside {
     /// `||u - v||`, what it is relative to and the norm of that, and the rounding.
@@ -239,8 +240,8 @@ impl ExactControl {
         try_collect(WHAT, u.chunks_exact(self.m).rev().flatten().copied())
     }
 
-    /// The vector that an error of the control, or of the state, is relative to, and its norm: where `C_K v` cannot be told
-    /// from the rounding of `xf - A^K x0`, or the state that is reached from 0, another one takes its place.
+    /// The vector that an error of the control, or of the state, is relative to, and its norm: where `C_K v` cannot be
+    /// told from the rounding of `xf - A^K x0`, or the state that is reached from 0, another one takes its place.
     ///
     /// # Errors
     /// [`Error::Memory`].

@@ -1,8 +1,8 @@
 //! Vectors in twice the precision, and the motion `x(k+1) = A x(k) + B u(k)` of them, with bounds on their rounding.
 //!
-//! An entry is an unevaluated sum `high + low`; `error` bounds its distance from the exact value. A sum of N products is
-//! off by at most `8 (N + 1) u^2 sum |a| |x|`, `u = 2^-53` (each of its N steps rounds three numbers of the size `u` times
-//! a partial sum). An error of `TINY` per sum covers products that underflow.
+//! An entry is an unevaluated sum `high + low`; `error` bounds its distance from the exact value. A sum of N products
+//! is off by at most `8 (N + 1) u^2 sum |a| |x|`, `u = 2^-53` (each of its N steps rounds three numbers of the size `u`
+//! times a partial sum). An error of `TINY` per sum covers products that underflow.
 
 use crate::compensated::{two_product, two_sum};
 use crate::error::Result;

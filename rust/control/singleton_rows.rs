@@ -1,4 +1,5 @@
-//! Controls of singletons: `u^s = Q[f] + w P[r]`, with `P` the columns of `B^+` and `Q` those scaled by the atoms of `xf`.
+//! Controls of singletons: `u^s = Q[f] + w P[r]`, with `P` the columns of `B^+` and `Q` those scaled by the atoms of
+//! `xf`.
 //!
 //! One pass of additions, limited by reading the indices of `A` and storing `u`. (Collecting the factors of a block
 //! first was slower.)

@@ -71,8 +71,8 @@ fn any_rank(c: &[f64], y: &[f64], width: usize) -> Result<(Vec<f64>, f64)> {
     Ok((u, factors.condition))
 }
 
-/// `C^+ y = C'(CC')^{-1} y` for `C` of full row rank, refined once, and `||C||_F ||L^{-1}||_F`, `LL' = CC'`, which is at
-/// least the condition of `C`: a tenth of the time of its singular values. `None` where the error of the refined
+/// `C^+ y = C'(CC')^{-1} y` for `C` of full row rank, refined once, and `||C||_F ||L^{-1}||_F`, `LL' = CC'`, which is
+/// at least the condition of `C`: a tenth of the time of its singular values. `None` where the error of the refined
 /// solution, the square of `width eps condition^2`, could exceed the `width eps condition` of a backward stable one.
 fn full_rank(c: &[f64], y: &[f64], width: usize) -> Result<Option<(Vec<f64>, f64)>> {
     let n = y.len();

@@ -12,8 +12,8 @@ use super::tube::{Level, ROUNDING, Run, Tube};
 use super::way::Way;
 
 impl Loop {
-    /// The bounds step by step, to `end`; without a level they are infinite from the first step on. `beside`: how far rows and
-    /// states are at rest from the set point.
+    /// The bounds step by step, to `end`; without a level they are infinite from the first step on. `beside`: how far
+    /// rows and states are at rest from the set point.
     #[expect(clippy::too_many_arguments, reason = "what a tube depends on")]
     pub(super) fn along(
         &self,

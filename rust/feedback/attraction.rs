@@ -26,12 +26,12 @@ struct Set {
 }
 
 impl Loop {
-    /// The largest c such that every member comes to rest from `c x0` (n) under `u_i = sat(K_i x)` with `|u_i| <= limits` (m),
-    /// without noise; 0 where nothing is proved.
+    /// The largest c such that every member comes to rest from `c x0` (n) under `u_i = sat(K_i x)` with
+    /// `|u_i| <= limits` (m), without noise; 0 where nothing is proved.
     ///
-    /// On `|K_i x| <= limit / (1 - beta)` the input is K x times a number of `[1 - beta, 1]`: a channel. Beyond, a motion with
-    /// an ellipsoid around it that every member stays in, until it is in such a set. The rounding of that motion is not
-    /// proved, but allowed for by 1e-9 a step.
+    /// On `|K_i x| <= limit / (1 - beta)` the input is K x times a number of `[1 - beta, 1]`: a channel. Beyond, a
+    /// motion with an ellipsoid around it that every member stays in, until it is in such a set. The rounding of that
+    /// motion is not proved, but allowed for by 1e-9 a step.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].

@@ -1,4 +1,5 @@
-//! Blocks beside the region in one loop: what is uncertain, nonlinear or late in it, and one proof for all of it together.
+//! Blocks beside the region in one loop: what is uncertain, nonlinear or late in it, and one proof for all of it
+//! together.
 //!
 //! A channel adds `q = f(z)`, `||f(z)|| <= gamma ||z||`, to the inputs and states: `x+ = A x + B (u + U q) + E q`,
 //! `z = H x + own q`. With the region's `p = G (W [x; u + U q])` the loop is
@@ -7,8 +8,8 @@
 //! x+ = A0 x + sum_i B_i v_i,    z_i = C_i x + sum_j D_ij v_j,    v_i = Delta_i(z_i),  ||Delta_i|| <= 1,
 //! ```
 //!
-//! with `D_0j = gamma W_u U` where a channel goes through the inputs, as B is uncertain. All members are stable, with one
-//! Lyapunov function, for any such f, if with multipliers t of the blocks (small gain; bounded-real lemma)
+//! with `D_0j = gamma W_u U` where a channel goes through the inputs, as B is uncertain. All members are stable, with
+//! one Lyapunov function, for any such f, if with multipliers t of the blocks (small gain; bounded-real lemma)
 //!
 //! ```text
 //! diag(Q - X, T) - [A0 B; C D] diag(Q / lambda, T) [A0 B; C D]' > 0.
@@ -230,8 +231,8 @@ impl Blocks {
         Mat::from_fn(self.g.nrows() - self.n, self.g.ncols(), |i, j| self.g[(self.n + i, j)] / self.scale(i, count))
     }
 
-    /// R, `Q = R R'`, of the proof for channels with these `gammas` and multipliers `t`, `X` and `lambda`; verified. It is solved
-    /// for blocks that are larger by `slack`.
+    /// R, `Q = R R'`, of the proof for channels with these `gammas` and multipliers `t`, `X` and `lambda`; verified. It
+    /// is solved for blocks that are larger by `slack`.
     pub fn proof(&self, gammas: &[f64], t: &[f64], (x, lambda): (Option<&Matrix>, f64), slack: f64) -> Option<Matrix> {
         let (outs, count) = (self.f.nrows() - self.n, self.parts.len());
         let level = |i: usize| if i < count { 1.0 } else { t[self.outs[i - count]] };

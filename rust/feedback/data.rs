@@ -1,4 +1,5 @@
-//! The exact data of the statements: the centre, and each part as `C + D G W`, in units in which the noise of a state is 1.
+//! The exact data of the statements: the centre, and each part as `C + D G W`, in units in which the noise of a state
+//! is 1.
 
 use std::ops::Range;
 
@@ -115,8 +116,8 @@ pub(super) struct Piece {
     pub w: Matrix,
 }
 
-/// The units of states whose rows are known, so that `W` has columns of about the size of those of other states; of a state
-/// that is not in z those of the next one.
+/// The units of states whose rows are known, so that `W` has columns of about the size of those of other states; of a
+/// state that is not in z those of the next one.
 fn known_units(region: &Region, unit: &mut [f64]) {
     let (mut sizes, mut unknown) = (Vec::new(), Vec::new());
     sizes.resize(region.n, 0.0f64);
@@ -161,8 +162,8 @@ pub(super) struct Uncertain {
     pub followed: Option<(Range<usize>, Matrix)>,
 }
 
-/// A term `f(z)`, `||f(z)|| <= most ||z||`, `z = of (x, u)`, that is added to the states along `direction`: any function, also
-/// of the step. In the units of the data.
+/// A term `f(z)`, `||f(z)|| <= most ||z||`, `z = of (x, u)`, that is added to the states along `direction`: any
+/// function, also of the step. In the units of the data.
 #[derive(Debug, Clone)]
 pub struct Misfit {
     /// (n, k), row by row.

@@ -17,11 +17,11 @@ use super::tube::ROUNDING;
 const RATES: [f64; 7] = [0.02, 0.08, 0.2, 0.35, 0.5, 0.7, 0.9];
 
 impl Loop {
-    /// `|x_i|` and `|K x|` from 0 on, for ever, if the inputs are wrong by at most `sizes` (m) at each step, in any way;
-    /// infinite where nothing is proved. What the errors add to any motion of the loop without a misfit.
+    /// `|x_i|` and `|K x|` from 0 on, for ever, if the inputs are wrong by at most `sizes` (m) at each step, in any
+    /// way; infinite where nothing is proved. What the errors add to any motion of the loop without a misfit.
     ///
-    /// `diag(Y - alpha rho^2 S, alpha I) - F Y F' / lambda - G N G' / (1 - lambda) >= 0`, `G = [B; W_u]`, `N = diag(size_i^2 /
-    /// pi_i)`, `sum pi = 1`: then `{x'Y^-1 x <= 1}` is invariant.
+    /// `diag(Y - alpha rho^2 S, alpha I) - F Y F' / lambda - G N G' / (1 - lambda) >= 0`, `G = [B; W_u]`,
+    /// `N = diag(size_i^2 / pi_i)`, `sum pi = 1`: then `{x'Y^-1 x <= 1}` is invariant.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`], [`Error::Numerical`], [`Error::Interrupted`].
@@ -91,9 +91,9 @@ impl Loop {
         })?
     }
 
-    /// How far states and inputs of the loop as it is computed are from those of exact numbers (n + m), for ever: each input is
-    /// wrong by at most `weights` (m, n + m) times the sizes of states and inputs, which are those of `reach` (n + m) in exact
-    /// numbers, and an `absolute` part (m).
+    /// How far states and inputs of the loop as it is computed are from those of exact numbers (n + m), for ever: each
+    /// input is wrong by at most `weights` (m, n + m) times the sizes of states and inputs, which are those of `reach`
+    /// (n + m) in exact numbers, and an `absolute` part (m).
     ///
     /// # Errors
     /// As [`Loop::errors`].

@@ -68,12 +68,12 @@ fn refused(what: &str) -> Error {
     Error::Numerical(format!("no gain was found: {what}"))
 }
 
-/// The gain that minimises `sum_k x'Qx + u'Ru`, Q >= 0, R > 0, for `A` (n, n), `B` (n, m), with `P` and `K = -(R + B'PB)^-1
-/// B'PA`.
+/// The gain that minimises `sum_k x'Qx + u'Ru`, Q >= 0, R > 0, for `A` (n, n), `B` (n, m), with `P` and
+/// `K = -(R + B'PB)^-1 B'PA`.
 ///
 /// # Errors
-/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an R that is not positive definite, [`Error::NoGain`] with the
-/// cause, [`Error::Memory`], [`Error::Interrupted`].
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an R that is not positive definite, [`Error::NoGain`]
+/// with the cause, [`Error::Memory`], [`Error::Interrupted`].
 pub fn least_squares<'a>(
     a: impl Into<MatrixView<'a>>,
     b: impl Into<MatrixView<'a>>,
@@ -93,8 +93,9 @@ pub fn least_squares<'a>(
     })?
 }
 
-/// The game with `Pi` (n + m): cost `z'Pi z` against disturbances with `G0 = B Piuu^-1 B' - s S`, in the units of `data`:
-/// `K = N - (Piuu + B'P~B)^-1 B'P~ (A + B N)`, `N = -Piuu^-1 Piux`, `P~ = P (I - s S P)^-1`, where `I - s D'PD > 0`.
+/// The game with `Pi` (n + m): cost `z'Pi z` against disturbances with `G0 = B Piuu^-1 B' - s S`, in the units of
+/// `data`: `K = N - (Piuu + B'P~B)^-1 B'P~ (A + B N)`, `N = -Piuu^-1 Piux`, `P~ = P (I - s S P)^-1`, where
+/// `I - s D'PD > 0`.
 fn game(data: &Uncertain, pi: &Matrix, s: f64) -> Option<(Matrix, Matrix)> {
     let (n, m) = (data.n, data.m);
     let block = |i: usize, j: usize, rows: usize, cols: usize| Mat::from_fn(rows, cols, |p, q| pi[(i + p, j + q)]);
@@ -154,8 +155,8 @@ pub fn widest(region: &Region, stop: &Stop) -> Result<Gain> {
     covered(WHAT, bytes(region.n, region.d), || {
         let data = Uncertain::new(region)?;
         let (pi, rho) = information(&data)?;
-        // accepted where the analysis agrees: of states that nearly depend on each other, as in a long window, rounding asks
-        // for more room, a thousandth of the slack
+        // accepted where the analysis agrees: of states that nearly depend on each other, as in a long window, rounding
+        // asks for more room, a thousandth of the slack
         let at = |by: f64| {
             let (_, k) = game(&data, &pi, (by * rho).powi(2))?;
             let closed = Closed::new(&data, k.clone());
@@ -194,8 +195,9 @@ fn sizes(q: &Matrix, information: &Matrix) -> Vec<f64> {
     sizes
 }
 
-/// The gain with the least `sum_i P_ii / Q_ii`, over states with a weight, of all P with `sum_k x'Qx + u'Ru <= x0'P x0` for every
-/// member, by a quadratic function; for a given multiplier `tau` that of this one. Petersen and McFarlane (1994) for a region from data.
+/// The gain with the least `sum_i P_ii / Q_ii`, over states with a weight, of all P with `sum_k x'Qx + u'Ru <= x0'P x0`
+/// for every member, by a quadratic function; for a given multiplier `tau` that of this one. Petersen and McFarlane
+/// (1994) for a region from data.
 ///
 /// # Errors
 /// As [`least_squares`] and [`widest`].

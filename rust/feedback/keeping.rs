@@ -1,15 +1,16 @@
 //! Limits that noisy runs of every member keep with a stated probability, for plans that begin anew at measured states.
 //!
-//! A plan from x follows `u = v + K (x - xb)`, xb the states of the centre, and `v = K xb` behind it. On the event of the
-//! region a row h of states or inputs is off by at most `model(k) + noise`, with `c(j) = W z(j)` along the plan:
+//! A plan from x follows `u = v + K (x - xb)`, xb the states of the centre, and `v = K xb` behind it. On the event of
+//! the region a row h of states or inputs is off by at most `model(k) + noise`, with `c(j) = W z(j)` along the plan:
 //!
 //! ```text
 //! model(k) = sqrt(h'L_k h) (sum_(j<k) ||c_j||^2)^(1/2) / (1 - theta),    noise = zeta sqrt(h'Y h),
 //! ```
 //!
-//! or the exact first order with theta times that. The noise between a start j and a step k does not depend on the plan, so
-//! that zeta is the quantile for the union over all pairs j < k <= T and all sides of limits: plans may begin whenever they
-//! like. A plan is accepted if it keeps limits that are tighter by both, until all later states are inside for good.
+//! or the exact first order with theta times that. The noise between a start j and a step k does not depend on the
+//! plan, so that zeta is the quantile for the union over all pairs j < k <= T and all sides of limits: plans may begin
+//! whenever they like. A plan is accepted if it keeps limits that are tighter by both, until all later states are
+//! inside for good.
 
 use std::sync::Arc;
 
@@ -72,8 +73,8 @@ pub struct Keeper {
     forced: Vec<Vec<f64>>,
     /// `sqrt(h'Q h)`.
     level: Vec<f64>,
-    /// Row by row, as calls are short: `[A B]`, K, W of all parts, and matrices g whose `g'g` is `sum_j A0'^j E'E A0^j` and
-    /// `Q^-1`.
+    /// Row by row, as calls are short: `[A B]`, K, W of all parts, and matrices g whose `g'g` is `sum_j A0'^j E'E A0^j`
+    /// and `Q^-1`.
     centre: Vec<f64>,
     gain: Vec<f64>,
     white: Vec<f64>,
@@ -94,8 +95,9 @@ fn square(g: &[f64], x: &[f64]) -> f64 {
 }
 
 impl Keeper {
-    /// Limits (n + m + r), of states, inputs and the rows `below` (r, n + m) of both, `low < 0 < high`, for `calls` steps with
-    /// Gaussian noise of at most this covariance (n, n); `eps` is given away for it. None where there is no bound.
+    /// Limits (n + m + r), of states, inputs and the rows `below` (r, n + m) of both, `low < 0 < high`, for `calls`
+    /// steps with Gaussian noise of at most this covariance (n, n); `eps` is given away for it. None where there is no
+    /// bound.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Value`], [`Error::Numerical`], [`Error::Memory`].
@@ -220,8 +222,8 @@ impl Keeper {
         self.of.data.determined(&own)
     }
 
-    /// Whether every member keeps the limits under the `plan` (P, m) from `x0` and `u = K x` behind it; with `sharp` by the
-    /// exact first order.
+    /// Whether every member keeps the limits under the `plan` (P, m) from `x0` and `u = K x` behind it; with `sharp` by
+    /// the exact first order.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Interrupted`].

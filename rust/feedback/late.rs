@@ -13,8 +13,9 @@ use super::blocks::Channel;
 use super::data::{Closed, Matrix, REPEATED, Uncertain, WHAT, filled, gathered, in_units, matrix};
 use super::loops::Loop;
 
-/// The record `c+ = N (c, v) + G y+` of a controller: of the inputs v that it asks for and the readings y that it gets. Its
-/// inputs are `v = K c`. The first entries of c are the readings, or their first filters. A controller without one has `c = y`.
+/// The record `c+ = N (c, v) + G y+` of a controller: of the inputs v that it asks for and the readings y that it gets.
+/// Its inputs are `v = K c`. The first entries of c are the readings, or their first filters. A controller without one
+/// has `c = y`.
 #[derive(Debug, Clone, Copy)]
 pub struct Recorder<'a> {
     /// N (n, n + m), row by row.
@@ -85,8 +86,9 @@ impl Loop {
         Ok((data, closed))
     }
 
-    /// The loop of a plant with the inputs of `d` steps before as states `(x, v_1, .., v_d)`, `v_1(k+1) = K x(k)`, `v_j(k+1) =
-    /// v_(j-1)(k)`: those that were asked for. The gain is `own` times K, and `last` times the last of them.
+    /// The loop of a plant with the inputs of `d` steps before as states `(x, v_1, .., v_d)`, `v_1(k+1) = K x(k)`,
+    /// `v_j(k+1) = v_(j-1)(k)`: those that were asked for. The gain is `own` times K, and `last` times the last of
+    /// them.
     pub(super) fn past(&self, d: usize, (own, last): (f64, f64)) -> Result<(Uncertain, Closed)> {
         let (n, m, k) = (self.data.n, self.data.m, self.own_gain());
         let below = Mat::from_fn(m * d, n + m * d + m, |i, j| match (i < m, j < n) {
@@ -102,7 +104,8 @@ impl Loop {
         })
     }
 
-    /// The loop of a plant whose controller has its own record of inputs, or of readings, and the channels of false readings.
+    /// The loop of a plant whose controller has its own record of inputs, or of readings, and the channels of false
+    /// readings.
     ///
     /// Where x are the states that such a controller would have without a fault, it has `x + D`,
     ///
@@ -110,8 +113,8 @@ impl Loop {
     /// D = r + G q,    r+ = N_x D + N_u (v - u),    v = K (x + D),
     /// ```
     ///
-    /// with q the errors of the readings now. The states r, and for filters those `h` of the step before, are below x: `y =
-    /// (x_1 - a h) / (1 - a)`.
+    /// with q the errors of the readings now. The states r, and for filters those `h` of the step before, are below x:
+    /// `y = (x_1 - a h) / (1 - a)`.
     pub(super) fn apart(&self, recorder: Recorder<'_>, at: Fault) -> Result<(Self, Vec<Channel>)> {
         let (n, m, k) = (self.data.n, self.data.m, &self.closed.k);
         let p = recorder.reads.len() / n;

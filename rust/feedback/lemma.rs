@@ -1,7 +1,7 @@
 //! The least `Y` with `A_G Y A_G' / lambda + X <= Y` for all members of the region, by doubling.
 //!
-//! It is solved in coordinates in which what `X` stirs up in the centre alone is about I: the states of a long window nearly
-//! depend on each other, and `Y` is then singular to rounding where its root R, `Y = R R'`, is not.
+//! It is solved in coordinates in which what `X` stirs up in the centre alone is about I: the states of a long window
+//! nearly depend on each other, and `Y` is then singular to rounding where its root R, `Y = R R'`, is not.
 
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
@@ -31,9 +31,9 @@ impl Solved {
 /// What is added to `X` at least, relative to what it stirs up.
 const LEAST: f64 = 1e-10;
 
-/// The root of the limit of `Y <- H + (1/lambda) A0 Y (I - E'E Y / lambda)^-1 A0'` from 0, with `H = X + alpha rho^2 S`, and E
-/// divided by `sqrt(alpha)`. H is larger by `room` times what it and `lift` times its mean diagonal stir up; a H of 0 stirs up
-/// what I does.
+/// The root of the limit of `Y <- H + (1/lambda) A0 Y (I - E'E Y / lambda)^-1 A0'` from 0, with
+/// `H = X + alpha rho^2 S`, and E divided by `sqrt(alpha)`. H is larger by `room` times what it and `lift` times its
+/// mean diagonal stir up; a H of 0 stirs up what I does.
 pub(super) fn least(a0: &Matrix, e: Option<&Matrix>, h: &Matrix, lambda: f64, (room, lift): (f64, f64)) -> Solved {
     let (n, size, mut lifted) = (a0.nrows(), trace(h) / a0.nrows() as f64, h.clone());
     (0..n).for_each(|i| lifted[(i, i)] += if size > 0.0 { lift * size } else { 1.0 });
@@ -62,8 +62,8 @@ fn rooted(a: &Matrix) -> Option<Matrix> {
     })
 }
 
-/// The limit of `Y <- H + (1/lambda) A0 Y (I - E'E Y / lambda)^-1 A0'` from 0: a structure-preserving doubling, after round k
-/// of which `Y` is that of `2^k` steps.
+/// The limit of `Y <- H + (1/lambda) A0 Y (I - E'E Y / lambda)^-1 A0'` from 0: a structure-preserving doubling, after
+/// round k of which `Y` is that of `2^k` steps.
 fn doubled(a0: &Matrix, e: Option<&Matrix>, h: &Matrix, lambda: f64) -> Solved {
     let n = a0.nrows();
     let mut a = scaled(&a0.transpose().to_owned(), lambda.sqrt().recip());

@@ -82,8 +82,9 @@ impl Loop {
         Self::lifted((region, misfits, LIFT), gain.into(), stop)
     }
 
-    /// The loop of more states, which follow those of this one and do not act on them, nor on the input: readings, inputs of
-    /// before. They may repeat others. `region` is of the same event, with their rows below; `rho g` is that of this loop.
+    /// The loop of more states, which follow those of this one and do not act on them, nor on the input: readings,
+    /// inputs of before. They may repeat others. `region` is of the same event, with their rows below; `rho g` is that
+    /// of this loop.
     ///
     /// # Errors
     /// As [`Loop::new`]; [`Error::Shape`] for a region or a gain in which they act.
@@ -147,8 +148,8 @@ impl Loop {
         &self.certificate
     }
 
-    /// R (n, n), for `Y = R R'` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; `X` (n, n) in the units of the data.
-    /// None where there is none. With `slack` 0 it is that of the least Y, not proved.
+    /// R (n, n), for `Y = R R'` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; `X` (n, n) in the units of
+    /// the data. None where there is none. With `slack` 0 it is that of the least Y, not proved.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
@@ -206,7 +207,8 @@ impl Loop {
         })
     }
 
-    /// The root of a verified `Y` with small `h'Yh` for all rows h of `rows` (q, n) at once, each relative to that of the centre.
+    /// The root of a verified `Y` with small `h'Yh` for all rows h of `rows` (q, n) at once, each relative to that of
+    /// the centre.
     pub(super) fn smallest(&self, x: &Matrix, lambda: f64, rows: &Matrix) -> Option<Matrix> {
         let own = least(&self.closed.a0, None, x, lambda, (0.0, self.data.lift)).found()?;
         let e = self.closed.outputs();

@@ -51,7 +51,8 @@ pub struct Margins {
     pub disk: Margin,
     /// Constant delays of up to this many steps.
     pub delay: Margin,
-    /// The share of the input before in what is applied, at any step, at most 1; above that steps of delay in any pattern.
+    /// The share of the input before in what is applied, at any step, at most 1; above that steps of delay in any
+    /// pattern.
     pub varying: Margin,
     /// The relative error of each reading, in any way.
     pub readings: Margin,
@@ -109,7 +110,8 @@ fn edge(from: f64, to: f64, mut stable: impl FnMut(f64) -> Result<bool>) -> Resu
     Ok(to)
 }
 
-/// The largest x in [0, 1], to 3e-4 or so, with `allowed(x) >= x / 2`, that was tried: secants, as `allowed` falls slowly.
+/// The largest x in [0, 1], to 3e-4 or so, with `allowed(x) >= x / 2`, that was tried: secants, as `allowed` falls
+/// slowly.
 fn crossing(mut allowed: impl FnMut(f64) -> Result<f64>) -> Result<f64> {
     let mut room = |x: f64| -> Result<f64> { Ok(allowed(x)? - 0.5 * x) };
     let (mut low, mut high) = ((0.0, room(0.0)?), (1.0, room(1.0)?));
@@ -155,8 +157,8 @@ impl Loop {
         Ok(Margin { certified, nominal: nominal.min(most) })
     }
 
-    /// How large a term `f(z)`, `||f(z)|| <= gamma ||z||`, may be in the states `e` (n, k) of `z = H (x, u)`, H (l, n + m): gamma,
-    /// in the units of the data; 0 where nothing is proved.
+    /// How large a term `f(z)`, `||f(z)|| <= gamma ||z||`, may be in the states `e` (n, k) of `z = H (x, u)`, H (l, n +
+    /// m): gamma, in the units of the data; 0 where nothing is proved.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
@@ -179,8 +181,9 @@ impl Loop {
         })?
     }
 
-    /// What the loop withstands, for every member and for the centre; nothing without a certificate. `recorder`: of a controller
-    /// that uses more than the readings now. The share is that of inputs whose size after the cut the controller knows.
+    /// What the loop withstands, for every member and for the centre; nothing without a certificate. `recorder`: of a
+    /// controller that uses more than the readings now. The share is that of inputs whose size after the cut the
+    /// controller knows.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
@@ -353,8 +356,8 @@ impl<'a> Faults<'a> {
         })
     }
 
-    /// A chain of discs on a curve of factors of one input, from what is proved to `to`. A disc around the middle of a piece of
-    /// length h has the radius `within(h)`.
+    /// A chain of discs on a curve of factors of one input, from what is proved to `to`. A disc around the middle of a
+    /// piece of length h has the radius `within(h)`.
     fn chain(
         &mut self,
         i: usize,
@@ -488,7 +491,8 @@ impl<'a> Faults<'a> {
         Ok(found)
     }
 
-    /// `u = (1 - d) K x + d v`, v the input asked for a step before: `K x + d / 2 (v - K x) + q`, `|q| <= d / 2 |K x - v|`.
+    /// `u = (1 - d) K x + d v`, v the input asked for a step before: `K x + d / 2 (v - K x) + q`,
+    /// `|q| <= d / 2 |K x - v|`.
     fn varying(&mut self) -> Result<Margin> {
         let (of, stop) = (self.of, self.stop);
         let (n, m, asked) = (of.data.n, of.data.m, of.own_gain());

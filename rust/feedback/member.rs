@@ -13,8 +13,8 @@ use super::spectrum::{eigen, radius};
 /// A spectral radius above this is one of an unstable loop.
 const UNSTABLE: f64 = 1.0 + 1e-9;
 
-/// `max <G, X>` over `||G||_2 <= rho`, `||G||_F <= phi`, and the factors by which the singular values of X are clipped: with
-/// `s_1 >= s_2 >= ..` those of G are `min(rho, c s_i)`.
+/// `max <G, X>` over `||G||_2 <= rho`, `||G||_F <= phi`, and the factors by which the singular values of X are clipped:
+/// with `s_1 >= s_2 >= ..` those of G are `min(rho, c s_i)`.
 pub(super) fn clipped(s: &[f64], rho: f64, phi: f64) -> (f64, Vec<f64>) {
     let mut g = Vec::new();
     let kept = s.iter().filter(|v| **v > 0.0).count();

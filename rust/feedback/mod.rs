@@ -1,8 +1,8 @@
 //! Loops `u = K x` that are proved for every system of a [`crate::region::Region`], and gains for them.
 //!
-//! With `Theta = C + D G W`, `||G|| <= rho`, the loop is `A_G = A0 + D G E`, `A0 = C [I; K]`, `E = W [I; K]`. All of them are
-//! stable with one Lyapunov function exactly if `rho ||E (z I - A0)^-1 D||_inf < 1` (bounded-real lemma; matrix S-lemma of
-//! van Waarde, Camlibel and Mesbahi 2022), and the proof is one matrix `Q > 0`:
+//! With `Theta = C + D G W`, `||G|| <= rho`, the loop is `A_G = A0 + D G E`, `A0 = C [I; K]`, `E = W [I; K]`. All of
+//! them are stable with one Lyapunov function exactly if `rho ||E (z I - A0)^-1 D||_inf < 1` (bounded-real lemma;
+//! matrix S-lemma of van Waarde, Camlibel and Mesbahi 2022), and the proof is one matrix `Q > 0`:
 //!
 //! ```text
 //! [Q - rho^2 S, 0; 0, I] - F Q F' > 0,    F = [A0; E],

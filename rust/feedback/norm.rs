@@ -63,8 +63,8 @@ fn response((a0, e, d): (&Mat<c64>, &Mat<c64>, &Mat<c64>), z: c64, right: &Mat<c
     Peak { g: found, left, right }
 }
 
-/// The largest response on the circle `|z| = t`, that of the loop `A0 / t`, `D / t`: over a grid of angles, those of the
-/// eigenvalues of A0 among them, refined around the best.
+/// The largest response on the circle `|z| = t`, that of the loop `A0 / t`, `D / t`: over a grid of angles, those of
+/// the eigenvalues of A0 among them, refined around the best.
 pub(super) fn peak(data: &Uncertain, closed: &Closed, t: f64, stop: &Stop) -> Result<Peak> {
     let (e, d) = (complex(&closed.outputs()), complex(&closed.inputs(data)));
     // no vector of a system with simple numbers is orthogonal to this one
@@ -142,8 +142,8 @@ pub(super) fn balanced(data: &Uncertain, mut closed: Closed, stop: &Stop) -> Res
     Ok((closed, best))
 }
 
-/// The root of `Q` for the uncertainty `by` times as large and the loop `A0 / t`, `D / t`, solved with `slack` times that and
-/// verified; and whether the recursion broke down.
+/// The root of `Q` for the uncertainty `by` times as large and the loop `A0 / t`, `D / t`, solved with `slack` times
+/// that and verified; and whether the recursion broke down.
 pub(super) fn proof(data: &Uncertain, closed: &Closed, t: f64, by: f64, slack: f64) -> (Option<Matrix>, bool) {
     let (e, d) = (closed.outputs(), scaled(&closed.inputs(data), by * slack));
     match least(&closed.a0, Some(&e), &(&d * d.transpose()), t * t, (1e-3 * (slack - 1.0), data.lift)) {
@@ -156,8 +156,8 @@ pub(super) fn proof(data: &Uncertain, closed: &Closed, t: f64, by: f64, slack: f
     }
 }
 
-/// A proved upper bound of `rho g` on the circle `|z| = t`, where `g` is a lower one: to .1 % where rounding allows, and
-/// infinite where there is no proof.
+/// A proved upper bound of `rho g` on the circle `|z| = t`, where `g` is a lower one: to .1 % where rounding allows,
+/// and infinite where there is no proof.
 pub(super) fn bound(data: &Uncertain, closed: &Closed, t: f64, g: f64) -> f64 {
     if !g.is_finite() {
         return f64::INFINITY;

@@ -12,8 +12,8 @@ use super::data::{Matrix, WHAT, entries, matrix};
 use super::gains::least_squares;
 use super::loops::bytes;
 
-/// A system `x+ = A x + B u + w` whose next readings are `C x + D u` and a constant, the weights Q and R of readings and inputs,
-/// and its gain K, each row by row.
+/// A system `x+ = A x + B u + w` whose next readings are `C x + D u` and a constant, the weights Q and R of readings
+/// and inputs, and its gain K, each row by row.
 #[derive(Debug, Clone, Copy)]
 #[allow(missing_docs, reason = "see above")]
 pub struct Preview<'a> {
@@ -27,11 +27,11 @@ pub struct Preview<'a> {
 }
 
 impl Preview<'_> {
-    /// `v_k` (h, m) and the way `x*` (h, n) from `start` with `u = K (x - x°) + u° + v`, about points `x°`, `u°` at rest or on a
-    /// slope; w is what else acts.
+    /// `v_k` (h, m) and the way `x*` (h, n) from `start` with `u = K (x - x°) + u° + v`, about points `x°`, `u°` at
+    /// rest or on a slope; w is what else acts.
     ///
-    /// It is the least of `sum_k |y*_{k+1} - y°_{k+1}|_Q^2 + |u*_k - u°_k|_R^2`. The cost of a gain that weighs `u - u°` more
-    /// leaves the target at each bend: `u°` jumps there, and the states behind the readings cannot.
+    /// It is the least of `sum_k |y*_{k+1} - y°_{k+1}|_Q^2 + |u*_k - u°_k|_R^2`. The cost of a gain that weighs
+    /// `u - u°` more leaves the target at each bend: `u°` jumps there, and the states behind the readings cannot.
     ///
     /// # Errors
     /// As of [`least_squares`].

@@ -18,8 +18,8 @@ fn norm(a: &Matrix) -> Result<f64> {
     Ok(unit * values.first().copied().unwrap_or(0.0))
 }
 
-/// Where the loops of all members rest, as differences from a set point: `off + forced q`, `||q|| <= size`, in the units of
-/// the loop.
+/// Where the loops of all members rest, as differences from a set point: `off + forced q`, `||q|| <= size`, in the
+/// units of the loop.
 struct AtRest {
     off: Matrix,
     forced: Matrix,
@@ -27,8 +27,8 @@ struct AtRest {
 }
 
 impl Loop {
-    /// Where the centre rests under `u = us + K (x - xs)`, states and inputs; the set point itself unless the gain is certified,
-    /// as it may rest nowhere.
+    /// Where the centre rests under `u = us + K (x - xs)`, states and inputs; the set point itself unless the gain is
+    /// certified, as it may rest nowhere.
     pub(super) fn centre_at_rest(&self, xs: &[f64], us: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
         let data = &self.data;
         if xs.len() != data.n || us.len() != data.m {
@@ -83,9 +83,9 @@ impl Loop {
         })?
     }
 
-    /// How far states and inputs (n + m) of any member are at rest from `xs` and `us`, under `u = us + K (x - xs)`, and the
-    /// 2-norm of the states; infinite unless the gain is certified and the data determine the point. With `r = C z_s - xs`,
-    /// `M = (I - A0)^-1` and `g1 = rho ||E M D||`:
+    /// How far states and inputs (n + m) of any member are at rest from `xs` and `us`, under `u = us + K (x - xs)`, and
+    /// the 2-norm of the states; infinite unless the gain is certified and the data determine the point. With
+    /// `r = C z_s - xs`, `M = (I - A0)^-1` and `g1 = rho ||E M D||`:
     ///
     /// ```text
     /// |h'e| <= |h'M r| + rho ||h'M D|| (||W z_s|| + ||E M r||) / (1 - g1)
@@ -111,8 +111,8 @@ impl Loop {
         })?
     }
 
-    /// X with `e e' <= X` for all differences e at rest, by `(a + b)(a + b)' <= (1 + s) a a' + (1 + 1/s) b b'`; None where
-    /// there is no bound.
+    /// X with `e e' <= X` for all differences e at rest, by `(a + b)(a + b)' <= (1 + s) a a' + (1 + 1/s) b b'`; None
+    /// where there is no bound.
     pub(super) fn spread_at_rest(&self, xs: &[f64], us: &[f64]) -> Result<Option<Matrix>> {
         let Some(AtRest { off, forced, size }) = self.at_rest(xs, us)? else { return Ok(None) };
         covered(WHAT, bytes(self.data.n, self.data.region.d), || {

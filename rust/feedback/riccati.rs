@@ -1,14 +1,14 @@
 //! The stabilising solution of `P = Q + A'P (I + B R^-1 B'P)^-1 A`, and why there is none.
 //!
-//! In units in which the equation is balanced: a gain that stabilises, by a doubling, or where rounding spoils that one by gains
-//! for `gamma A`, `gamma B` with gamma up to 1; then the steps of Newton and Kleinman,
+//! In units in which the equation is balanced: a gain that stabilises, by a doubling, or where rounding spoils that one
+//! by gains for `gamma A`, `gamma B` with gamma up to 1; then the steps of Newton and Kleinman,
 //!
 //! ```text
 //! P = sum_k F^k' (Q + K'R K) F^k,    F = A + B K,    K <- -(R + B'P B)^-1 B'P A,
 //! ```
 //!
-//! which decrease P from any gain that stabilises to the only solution that does (Hewer 1971). P is kept as `L'L`, so that K is
-//! a problem of least squares, and neither `R^-1` nor a difference of large numbers is formed.
+//! which decrease P from any gain that stabilises to the only solution that does (Hewer 1971). P is kept as `L'L`, so
+//! that K is a problem of least squares, and neither `R^-1` nor a difference of large numbers is formed.
 
 use faer::linalg::solvers::SolveLstsq;
 use faer::{Mat, Side, c64};
@@ -24,7 +24,8 @@ use super::spectrum::{balancing, eigen, eigenvalues, radius};
 const STEPS: usize = 64;
 /// Values of gamma; a mode that no input moves stops them much earlier.
 const STAGES: usize = 80;
-/// A mode that the inputs reach by less than this, relative to A and B, is out of reach if no gain is found that stabilises.
+/// A mode that the inputs reach by less than this, relative to A and B, is out of reach if no gain is found that
+/// stabilises.
 const REACHED: f64 = 1e-10;
 /// A mode of the loop within this of the unit circle must be seen by Q.
 const SLOW: f64 = 1e-6;
@@ -112,7 +113,8 @@ impl Equation {
         Ok(None)
     }
 
-    /// The same for gamma A with gamma raised to 1, as far each time as the last gain stabilises; `more` on the diagonal of Q.
+    /// The same for gamma A with gamma raised to 1, as far each time as the last gain stabilises; `more` on the
+    /// diagonal of Q.
     fn raised(&self, more: f64, stop: &Stop) -> Result<Option<Matrix>> {
         let (n, m) = (self.a.ncols(), self.b.ncols());
         let c = stacked([&self.c, &scaled(&Mat::identity(n, n), more.sqrt())], n);
@@ -168,8 +170,8 @@ impl Equation {
     }
 }
 
-/// The mode with `|lambda| >= 1` that the inputs reach least: the least singular value of `[A - lambda I, B]`, balanced, relative
-/// to the largest one, and its left vector.
+/// The mode with `|lambda| >= 1` that the inputs reach least: the least singular value of `[A - lambda I, B]`,
+/// balanced, relative to the largest one, and its left vector.
 fn least_reached(a: &Matrix, b: &Matrix) -> Result<Option<(f64, c64, Mat<c64>)>> {
     let (n, m) = (a.nrows(), b.ncols());
     let whole = Mat::from_fn(n + m, n + m, |i, j| {

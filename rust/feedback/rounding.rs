@@ -40,16 +40,16 @@ struct Numbers {
 }
 
 impl Loop {
-    /// How far states and inputs in the numbers of a computer are from those of exact numbers (n + m), for ever: 32 bits of
-    /// floating point, or fixed point with so many `bits` behind the point. The gain of this loop is the one that is stored;
-    /// the exact loop may have another one: its states and inputs are at most `reach` (n + m), and the inputs that the two
-    /// gains ask for at its states are at most `apart` (m) from each other.
+    /// How far states and inputs in the numbers of a computer are from those of exact numbers (n + m), for ever: 32
+    /// bits of floating point, or fixed point with so many `bits` behind the point. The gain of this loop is the one
+    /// that is stored; the exact loop may have another one: its states and inputs are at most `reach` (n + m), and the
+    /// inputs that the two gains ask for at its states are at most `apart` (m) from each other.
     ///
-    /// With the gains `K` and `S` (stored) and the exact states x, the difference e of the states is that of this loop with
-    /// wrong inputs: `e+ = (A + B S) e + B ((S - K) x + what is off at x + e)`.
+    /// With the gains `K` and `S` (stored) and the exact states x, the difference e of the states is that of this loop
+    /// with wrong inputs: `e+ = (A + B S) e + B ((S - K) x + what is off at x + e)`.
     ///
-    /// Of a filter `a c + (1 - a) b` each step is off by at most `e (|c| + |b|) + least`, and the filter by `1 / (1 - a)` of
-    /// that, beside what b is off.
+    /// Of a filter `a c + (1 - a) b` each step is off by at most `e (|c| + |b|) + least`, and the filter by
+    /// `1 / (1 - a)` of that, beside what b is off.
     ///
     /// # Errors
     /// As [`Loop::errors`].
@@ -113,8 +113,9 @@ impl Loop {
         (by, least)
     }
 
-    /// How far states and `K x` (n + m), and inputs (m), are moved by readings that are off by at most `sizes` (p) at each step,
-    /// in any way, for ever: the record of the controller is off by at most `d = (I - |N|)^-1 |G| sizes`, its inputs by `|K| d`.
+    /// How far states and `K x` (n + m), and inputs (m), are moved by readings that are off by at most `sizes` (p) at
+    /// each step, in any way, for ever: the record of the controller is off by at most `d = (I - |N|)^-1 |G| sizes`,
+    /// its inputs by `|K| d`.
     ///
     /// # Errors
     /// As [`Loop::errors`].

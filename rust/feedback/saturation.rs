@@ -13,9 +13,10 @@ use super::loops::{Loop, bytes, squares};
 use super::tube::Run;
 
 impl Loop {
-    /// `s` such that all runs that begin in `{x'Q^-1 x <= s}` keep `|x_i|` and `|u_j|` below `limits` (n + m) for all time, for
-    /// every member; and how many times `x0` may be taken, if it is given. The larger of: that level set, one around the
-    /// multiples of `x0` alone, and the tube. 0 where nothing is proved: also with an offset, where 0 is no point of rest.
+    /// `s` such that all runs that begin in `{x'Q^-1 x <= s}` keep `|x_i|` and `|u_j|` below `limits` (n + m) for all
+    /// time, for every member; and how many times `x0` may be taken, if it is given. The larger of: that level set, one
+    /// around the multiples of `x0` alone, and the tube. 0 where nothing is proved: also with an offset, where 0 is no
+    /// point of rest.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`], [`Error::Interrupted`].

@@ -15,8 +15,8 @@ const FORMAT: u64 = 1;
 const VERDICTS: [Verdict; 5] =
     [Verdict::Certified, Verdict::Refuted, Verdict::NotProvable, Verdict::Undetermined, Verdict::Undecided];
 
-/// Region, declared terms, gain and verdict. A file whose loop was certified is refused where that is not proved again; one of
-/// data in doubt stays so.
+/// Region, declared terms, gain and verdict. A file whose loop was certified is refused where that is not proved again;
+/// one of data in doubt stays so.
 impl Saved for Loop {
     const KIND: &'static str = "core.loop";
 

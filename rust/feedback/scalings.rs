@@ -263,8 +263,8 @@ pub(super) struct Field {
 /// Channels made of those of a field, at an angle; None where the region is too large for them.
 pub(super) type View<'a> = &'a dyn Fn(f64, &Reduced) -> Option<Reduced>;
 
-/// Which channels are asked for: the parts of the common size, the channel of each row and of each column, and rounds of
-/// finer angles around the largest.
+/// Which channels are asked for: the parts of the common size, the channel of each row and of each column, and rounds
+/// of finer angles around the largest.
 #[derive(Clone, Copy)]
 pub(super) struct Asked<'a> {
     pub shares: &'a [f64],

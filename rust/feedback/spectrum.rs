@@ -10,8 +10,9 @@ use super::data::{Matrix, absolute, filled, finite, in_units, inverse, lost};
 /// Rounds over all states; each costs n^2.
 const ROUNDS: usize = 40;
 
-/// Powers of 2, D, for which `D^-1 A D`, `D^-1 G D^-1` and `D Q D` have the least sum of sizes (Osborne 1960; for the three of
-/// a Riccati equation Benner 2001), G and Q symmetric. The units of the states do not count, and nothing is rounded.
+/// Powers of 2, D, for which `D^-1 A D`, `D^-1 G D^-1` and `D Q D` have the least sum of sizes (Osborne 1960; for the
+/// three of a Riccati equation Benner 2001), G and Q symmetric. The units of the states do not count, and nothing is
+/// rounded.
 pub(super) fn balancing(a: &Matrix, riccati: Option<(&Matrix, &Matrix)>) -> Vec<f64> {
     let n = a.nrows();
     // a group of states that no other and no input moves has no best units

@@ -94,8 +94,8 @@ fn plans_are_accepted_within_limits_only() {
     }
 }
 
-/// The input before as a state behind x, and `u - v` as a row: its largest changes are .48 in the steps 2 and 3, and noise adds
-/// `zeta .9 sqrt(1.4 / .91) .1` at least.
+/// The input before as a state behind x, and `u - v` as a row: its largest changes are .48 in the steps 2 and 3, and
+/// noise adds `zeta .9 sqrt(1.4 / .91) .1` at least.
 #[test]
 fn changes_of_inputs_are_kept_within_limits() {
     let one = Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[[-0.9]], &Stop::new()).unwrap();
@@ -160,7 +160,8 @@ fn root(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     low
 }
 
-/// Gain and phase of one state, where `|a + b kappa K| + rho |(1, kappa K)| < 1` is exact, also with an uncertain input.
+/// Gain and phase of one state, where `|a + b kappa K| + rho |(1, kappa K)| < 1` is exact, also with an uncertain
+/// input.
 #[test]
 fn margins_of_one_state() {
     for (a, rho) in [(1.2, 0.3), (0.6, 0.3), (1.2, 0.0), (1.2, 0.05)] {
@@ -199,7 +200,8 @@ fn margins_of_one_state() {
     }
 }
 
-/// With an uncertain B a channel at the input must go through the region as well: `.3 + .9 x + .3 sqrt(1 + .81 (1 + x)^2) = 1`.
+/// With an uncertain B a channel at the input must go through the region as well:
+/// `.3 + .9 x + .3 sqrt(1 + .81 (1 + x)^2) = 1`.
 #[test]
 fn input_channels_carry_the_uncertain_input() {
     use super::blocks::{Blocks, Channel};
@@ -219,7 +221,8 @@ fn input_channels_carry_the_uncertain_input() {
     assert!(found > 0.3285 && found <= 0.329323642875, "{found}");
 }
 
-/// The proof is exact about its numbers: what is larger by 1e-4, a multiplier that is inverted, or no number, is refused.
+/// The proof is exact about its numbers: what is larger by 1e-4, a multiplier that is inverted, or no number, is
+/// refused.
 #[test]
 fn proofs_with_a_channel_are_sharp() {
     use super::blocks::{Blocks, Channel};
@@ -265,7 +268,8 @@ fn errors_of_the_inputs() {
     assert!(found.computed(&[1.0, 0.9], &[0.81, 0.0], &[1e-9], &Stop::new()).unwrap()[0].is_infinite());
 }
 
-/// Saturation of one unstable state: `x = 1 / (.9 kappa)`, kappa the root of `1.2 - .9 kappa + rho sqrt(1 + .81 kappa^2) = 1`.
+/// Saturation of one unstable state: `x = 1 / (.9 kappa)`, kappa the root of
+/// `1.2 - .9 kappa + rho sqrt(1 + .81 kappa^2) = 1`.
 #[test]
 fn saturated_inputs() {
     for (rho, exact) in [(0.0, 5.0), (0.1, 3.283702811636)] {

@@ -58,8 +58,8 @@ pub struct Tube {
     pub noise: Vec<f64>,
     /// The same in the 2-norm of the states.
     pub noise_radius: f64,
-    /// `||x(j)||`, of the distance from the point of rest, is at most this for all j >= k, without noise (K + 1 or more);
-    /// infinite without a bound for all time.
+    /// `||x(j)||`, of the distance from the point of rest, is at most this for all j >= k, without noise (K + 1 or
+    /// more); infinite without a bound for all time.
     pub later: Vec<f64>,
     /// `|x_i|` and `|u_j|` are at most this for all time, without noise (n + m).
     pub reach: Vec<f64>,
@@ -128,7 +128,8 @@ impl Loop {
         Ok(found)
     }
 
-    /// Of a run about a set point `x0` and the states and inputs of the centre are differences from where the centre rests.
+    /// Of a run about a set point `x0` and the states and inputs of the centre are differences from where the centre
+    /// rests.
     fn along_run(&self, run: Run<'_>, stop: &Stop) -> Result<Tube> {
         let (n, m) = (self.data.n, self.data.m);
         let square = run.noise.is_none_or(|(covariance, _)| covariance.len() == n * n);

@@ -14,8 +14,8 @@ use super::spectrum::eigen;
 /// The largest state of a mode, and how many times as large it is after a step: that which grows most of those with
 /// `|L| >= 1` that no input is seen to move. The first `p` rows of the region are known by data alone.
 ///
-/// With `w'(A - L I) = 0` and x how the other rows follow an input `e L^t`, the mode is moved by `w_p'(A_p x + B_p e)`, which the
-/// region knows up to `||w_p|| ||(Theta - C)(x, e)||`.
+/// With `w'(A - L I) = 0` and x how the other rows follow an input `e L^t`, the mode is moved by `w_p'(A_p x + B_p e)`,
+/// which the region knows up to `||w_p|| ||(Theta - C)(x, e)||`.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].

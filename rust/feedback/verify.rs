@@ -16,8 +16,8 @@ fn gamma(j: usize) -> f64 {
     j / (1.0 - j)
 }
 
-/// Whether a symmetric matrix minus `shift I` has a Cholesky factor. Plain, row by row: with square roots and divisions of
-/// IEEE 754 the result is exact for a matrix whose entries are off by `gamma(n + 1) sqrt(a_ii a_jj)` (Demmel 1989).
+/// Whether a symmetric matrix minus `shift I` has a Cholesky factor. Plain, row by row: with square roots and divisions
+/// of IEEE 754 the result is exact for a matrix whose entries are off by `gamma(n + 1) sqrt(a_ii a_jj)` (Demmel 1989).
 fn positive(a: &Matrix, shift: f64) -> bool {
     let n = a.nrows();
     let mut l = Mat::<f64>::zeros(n, n); // columns are contiguous: this is L'
@@ -56,8 +56,9 @@ fn proved(a: &Matrix, error: impl Fn(usize, usize) -> f64) -> bool {
     (formed + factored).is_finite() && positive(&own, formed + factored)
 }
 
-/// What is claimed of `Y = R R'`: `diag(Y - X - alpha sum_p t_p rho_p^2 S_p, alpha t_p I) - F Y F' / lambda > 0`, `F = [A0;
-/// E_1; ..]`, and `Y > 0`, for the uncertainty `by` times as large. It implies `A_G Y A_G' / lambda + X < Y` for all members.
+/// What is claimed of `Y = R R'`: `diag(Y - X - alpha sum_p t_p rho_p^2 S_p, alpha t_p I) - F Y F' / lambda > 0`,
+/// `F = [A0; E_1; ..]`, and `Y > 0`, for the uncertainty `by` times as large. It implies `A_G Y A_G' / lambda + X < Y`
+/// for all members.
 pub(super) struct Claim<'a> {
     /// R (n, n).
     pub root: &'a Matrix,
@@ -139,9 +140,9 @@ pub(super) struct Judged<'a> {
     pub claim: &'a Claim<'a>,
 }
 
-/// The matrix is judged as `diag(L, I) (..) diag(L', I)` with L near the inverse of R, which is positive definite only if the
-/// matrix is: in it all is of size 1 however near to each other the states are, and rounding counts for `|L| |R|` times as
-/// much, not for the square of that.
+/// The matrix is judged as `diag(L, I) (..) diag(L', I)` with L near the inverse of R, which is positive definite only
+/// if the matrix is: in it all is of size 1 however near to each other the states are, and rounding counts for
+/// `|L| |R|` times as much, not for the square of that.
 pub(super) fn holds(of: &Judged<'_>) -> bool {
     let Judged { f, sizes, beside, forcing, levels, terms, claim } = *of;
     let Claim { root, x, alpha, lambda, .. } = *claim;

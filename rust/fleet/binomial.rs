@@ -1,6 +1,7 @@
 //! Logarithms of binomial probabilities and tails, accurate far out, without differences `1 - cdf`.
 //!
-//! The probability of success is given by its odds `y = e / (1 - e)`, so that neither `e` near 0 nor `e` near 1 is rounded.
+//! The probability of success is given by its odds `y = e / (1 - e)`, so that neither `e` near 0 nor `e` near 1 is
+//! rounded.
 
 use std::f64::consts::PI;
 

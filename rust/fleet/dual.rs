@@ -28,14 +28,15 @@ pub(super) struct Dual<'a> {
 }
 
 impl Dual<'_> {
-    /// A lower bound of `max_w (||M_w u - t_w||^2 + ||u||_R^2)^{1/2}` over the limits, `R = diag(r) + F'F`, from vectors
-    /// `v_w` and, behind them, `c` with an entry for each row of F, and from forces `l >= 0` of the limits `C u <= k` of states
-    /// and changes; and the shares `||v_w|| / sum ||v_w||`.
+    /// A lower bound of `max_w (||M_w u - t_w||^2 + ||u||_R^2)^{1/2}` over the limits, `R = diag(r) + F'F`, from
+    /// vectors `v_w` and, behind them, `c` with an entry for each row of F, and from forces `l >= 0` of the limits
+    /// `C u <= k` of states and changes; and the shares `||v_w|| / sum ||v_w||`.
     ///
-    /// With `a = sum ||v_w||` the square is at least `2 a max ||M_w u - t_w|| - a^2 + 2 c'F u - |c|^2 + sum_i r_i u_i^2 +
-    /// 2 l'(C u - k)`, so at least `-a^2 - |c|^2 - 2 sum v_w't_w - 2 l'k + sum_i min (r_i u_i^2 + 2 g_i u_i)` with
-    /// `g = sum M_w'v_w + F'c + C'l` and the minima over the limits of single inputs. Where `r_i` is 0 and g points to an
-    /// infinite limit it must be 0: the vectors are corrected there first. Then all are scaled to the largest bound.
+    /// With `a = sum ||v_w||` the square is at least
+    /// `2 a max ||M_w u - t_w|| - a^2 + 2 c'F u - |c|^2 + sum_i r_i u_i^2 + 2 l'(C u - k)`, so at least
+    /// `-a^2 - |c|^2 - 2 sum v_w't_w - 2 l'k + sum_i min (r_i u_i^2 + 2 g_i u_i)` with `g = sum M_w'v_w + F'c + C'l`
+    /// and the minima over the limits of single inputs. Where `r_i` is 0 and g points to an infinite limit it must be
+    /// 0: the vectors are corrected there first. Then all are scaled to the largest bound.
     pub(super) fn lower_bound(&self, vectors: &mut [f64], forces: &Forces) -> Result<(f64, Vec<f64>)> {
         let Within { low, high, diagonal, cost, .. } = self.within;
         let (d, units) = (low.len(), self.targets.len());

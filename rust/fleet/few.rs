@@ -86,9 +86,9 @@ struct Fleet<'a> {
     stop: &'a Stop,
 }
 
-/// Leaves out `discard` units and finds the command, solved for a few units alone; with `tiny` the weight R is that of the
-/// largest map. The units left out go one by one, each time the one without which the value falls most; a stop leaves the
-/// command that was last found, and the units that it was found without.
+/// Leaves out `discard` units and finds the command, solved for a few units alone; with `tiny` the weight R is that of
+/// the largest map. The units left out go one by one, each time the one without which the value falls most; a stop
+/// leaves the command that was last found, and the units that it was found without.
 ///
 /// # Errors
 /// As [`worst`].
@@ -160,8 +160,8 @@ fn carrying(found: &Worst) -> Result<Vec<usize>> {
 }
 
 impl Fleet<'_> {
-    /// `R = 1e-8 max_s tr(G_s'Q G_s) / (K m) I`, and the unit whose map is that large; the given one without `tiny`, none if no
-    /// input moves a unit. By the largest, not by the mean: then R is that of one unit.
+    /// `R = 1e-8 max_s tr(G_s'Q G_s) / (K m) I`, and the unit whose map is that large; the given one without `tiny`,
+    /// none if no input moves a unit. By the largest, not by the mean: then R is that of one unit.
     fn weight(&self, units: &Units<'_>, skip: &[bool]) -> Result<Weight> {
         if !self.tiny {
             return Ok((try_copy(WHAT, self.limits.r)?, None));
@@ -231,9 +231,9 @@ impl Fleet<'_> {
 
     /// Solves again for the few units that carry `found`: a function of these and of nothing else.
     ///
-    /// They are taken in the order of the fleet, from one start, with the R of these units. The units are chosen freely: first
-    /// those with multipliers, then all that the last problem was solved for. Where a stop leaves no command, or that of the
-    /// few does not keep the limits of all, `found` is that of all.
+    /// They are taken in the order of the fleet, from one start, with the R of these units. The units are chosen
+    /// freely: first those with multipliers, then all that the last problem was solved for. Where a stop leaves no
+    /// command, or that of the few does not keep the limits of all, `found` is that of all.
     fn carried(
         &self,
         found: Worst,

@@ -9,7 +9,8 @@ use crate::vector::{axpy, dot, norm};
 /// Limits that are taken in at a time.
 const MOST: usize = 256;
 
-/// `map u <= right`: a limit of entry `at` of `x(1) .. x(K)` of a unit, the upper one for `side` 1, the lower one for -1.
+/// `map u <= right`: a limit of entry `at` of `x(1) .. x(K)` of a unit, the upper one for `side` 1, the lower one for
+/// -1.
 pub(super) struct Held {
     pub(super) unit: usize,
     at: usize,
@@ -25,8 +26,8 @@ pub(super) struct Scaled {
     pub(super) by: Vec<f64>,
 }
 
-/// For each state, step and side the limit of the unit that is farthest beyond it, of those that are not held yet; of these
-/// the worst. `beyond` is by how much each unit leaves its limits, and more than `least` is asked for.
+/// For each state, step and side the limit of the unit that is farthest beyond it, of those that are not held yet; of
+/// these the worst. `beyond` is by how much each unit leaves its limits, and more than `least` is asked for.
 pub(super) fn broken(
     units: &Units<'_>,
     within: &Within<'_>,
@@ -115,7 +116,8 @@ impl Forces {
         Self { held: Vec::new(), changes: Vec::new() }
     }
 
-    /// Of a program whose pairs and rows are those of `within` and of `scaled`, in its units; `share` is that of its cost.
+    /// Of a program whose pairs and rows are those of `within` and of `scaled`, in its units; `share` is that of its
+    /// cost.
     pub(super) fn of(
         multipliers: &[f64],
         pairs: usize,

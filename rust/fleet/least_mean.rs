@@ -66,8 +66,8 @@ struct Value {
     slope: Vec<f64>,
 }
 
-/// Finds it by the moments; where `H + R` is ill-conditioned, by an orthogonal triangle of all rows. Limits of states are taken
-/// in as they are broken.
+/// Finds it by the moments; where `H + R` is ill-conditioned, by an orthogonal triangle of all rows. Limits of states
+/// are taken in as they are broken.
 ///
 /// # Errors
 /// [`Error::Overflow`], [`Error::Memory`], [`Error::Numerical`], [`Error::Interrupted`] before there is a command.
@@ -280,7 +280,8 @@ impl<'a> Mean<'a> {
         Ok(map)
     }
 
-    /// With the forces `l` of limits `C u <= c`: `J(u) - J(v) <= -<J'(u) + C'l, v - u> + l'(c - C u)` for all v within them.
+    /// With the forces `l` of limits `C u <= c`: `J(u) - J(v) <= -<J'(u) + C'l, v - u> + l'(c - C u)` for all v within
+    /// them.
     fn at(&self, u: &[f64], held: &[Held], forces: &Forces) -> Result<Value> {
         let (d, m) = (u.len(), self.units.m);
         let (mut square, mut g) = slope(self.units, u, self.threads, self.stop)?;

@@ -125,7 +125,8 @@ pub fn moments(units: &Units<'_>, threads: usize, stop: &Stop) -> Result<Moments
     }
 }
 
-/// `R` (d + 1, d + 1) with `R'R = sum_s [Q^1/2 (G_s b_s)]'[...]`: the moments without squares, for an ill-conditioned `H`.
+/// `R` (d + 1, d + 1) with `R'R = sum_s [Q^1/2 (G_s b_s)]'[...]`: the moments without squares, for an ill-conditioned
+/// `H`.
 ///
 /// # Errors
 /// [`Error::Overflow`], [`Error::Memory`], [`Error::Interrupted`].

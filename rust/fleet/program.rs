@@ -1,9 +1,9 @@
-//! Dense convex programs of moderate size: `min x'P x / 2 + q'x` subject to rows `C x <= c` and to `||M u - t|| <= z`, where z
-//! is the last entry of x and u are the others.
+//! Dense convex programs of moderate size: `min x'P x / 2 + q'x` subject to rows `C x <= c` and to `||M u - t|| <= z`,
+//! where z is the last entry of x and u are the others.
 //!
-//! A primal-dual interior point with the corrections of Mehrotra and the scaling of Nesterov and Todd. Its linear systems are
-//! the normal equations, `P + G' W^-2 G`, in which a cone is the square of its map, which is computed once, and a row. What
-//! it finds is a proposal: whoever asks computes from the data how good it is.
+//! A primal-dual interior point with the corrections of Mehrotra and the scaling of Nesterov and Todd. Its linear
+//! systems are the normal equations, `P + G' W^-2 G`, in which a cone is the square of its map, which is computed once,
+//! and a row. What it finds is a proposal: whoever asks computes from the data how good it is.
 
 use super::scaling::{Scaling, Shape};
 use super::units::WHAT;
@@ -62,8 +62,8 @@ pub(super) struct Program<'a> {
     pub(super) cones: Vec<&'a Cone>,
 }
 
-/// What was found: `multipliers` of the pairs, the rows and, one after another, the cones; the largest of the gap and the
-/// residuals, relative.
+/// What was found: `multipliers` of the pairs, the rows and, one after another, the cones; the largest of the gap and
+/// the residuals, relative.
 pub(super) struct Point {
     pub(super) x: Vec<f64>,
     pub(super) multipliers: Vec<f64>,

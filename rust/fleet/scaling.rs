@@ -1,5 +1,5 @@
-//! Nonnegative numbers and second-order cones `x_0 >= ||x_1||`: their products, the way to their boundary, and the scaling of
-//! Nesterov and Todd.
+//! Nonnegative numbers and second-order cones `x_0 >= ||x_1||`: their products, the way to their boundary, and the
+//! scaling of Nesterov and Todd.
 
 use super::units::WHAT;
 use crate::error::Result;

@@ -1,4 +1,5 @@
-//! The risk of a design over `size` sampled units, at confidence `1 - beta`: each in a few binomial tails, O(1) in the size.
+//! The risk of a design over `size` sampled units, at confidence `1 - beta`: each in a few binomial tails, O(1) in the
+//! size.
 
 use super::binomial::{Odds, log_choose, log_pmf, log_tails};
 use crate::error::{Error, Result};
@@ -22,8 +23,8 @@ fn limit(size: f64, most: f64, log_level: f64) -> Result<f64> {
     falling(near(size, most), |odds| log_tails(size, most, odds).0 - log_level)
 }
 
-/// `P(Bin(size, e) <= most) = beta`: with `most = d - 1` before the data (Campi, Garatti 2008), with the violations of fresh
-/// units after them (Clopper, Pearson 1934).
+/// `P(Bin(size, e) <= most) = beta`: with `most = d - 1` before the data (Campi, Garatti 2008), with the violations of
+/// fresh units after them (Clopper, Pearson 1934).
 ///
 /// # Errors
 /// [`Error::Value`] for a `beta` outside (0, 1).
@@ -60,8 +61,8 @@ pub fn judged(size: usize, support: usize, beta: f64) -> Result<f64> {
     })
 }
 
-/// `C(N, k) P(Bin(N - k, e) <= r) = beta / N` for a command that k of N units give, and a threshold that at most r of the
-/// others miss more than (Floyd, Warmuth 1995).
+/// `C(N, k) P(Bin(N - k, e) <= r) = beta / N` for a command that k of N units give, and a threshold that at most r of
+/// the others miss more than (Floyd, Warmuth 1995).
 ///
 /// # Errors
 /// [`Error::Value`] for a `beta` outside (0, 1).
@@ -120,8 +121,8 @@ pub fn relaxed(size: usize, support: usize, beta: f64) -> Result<(f64, f64)> {
     Ok((lower, upper))
 }
 
-/// The smallest rank j with `P(Bin(size, delta) <= size - j) <= beta`, `size + 1` if there is none: so many runs, counted
-/// from the best, make a share of at most delta of all runs worse but with probability beta.
+/// The smallest rank j with `P(Bin(size, delta) <= size - j) <= beta`, `size + 1` if there is none: so many runs,
+/// counted from the best, make a share of at most delta of all runs worse but with probability beta.
 ///
 /// # Errors
 /// [`Error::Value`] for a `beta` outside (0, 1).

@@ -216,8 +216,8 @@ impl<'a> Within<'a> {
     }
 }
 
-/// The miss of every unit at `u` (K, m), without what the inputs cost, and by how much its states leave their limits; nothing
-/// where that is rounding.
+/// The miss of every unit at `u` (K, m), without what the inputs cost, and by how much its states leave their limits;
+/// nothing where that is rounding.
 ///
 /// # Errors
 /// [`Error::Shape`], and as [`Units::misses`].

@@ -13,7 +13,8 @@ pub struct Dense<'a> {
 
 impl<'a> Dense<'a> {
     /// # Errors
-    /// [`Error::Shape`] if the length is not `size * dim` or one of them is zero, [`Error::NonFinite`] for NaN, infinity.
+    /// [`Error::Shape`] if the length is not `size * dim` or one of them is zero, [`Error::NonFinite`] for NaN,
+    /// infinity.
     pub fn new(values: &'a [f64], size: usize, dim: usize) -> Result<Self> {
         if size == 0 || dim == 0 || checked_len("the samples", size, dim)? != values.len() {
             return Err(Error::Shape {

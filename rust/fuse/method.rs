@@ -38,7 +38,8 @@ impl Fusion {
         ("slse-safeguarded", Self::Slse { safeguard: true }),
     ];
 
-    /// Fuses the first `k` realizations for each `k` in the increasing `sizes`, and keeps what is made of the last ones.
+    /// Fuses the first `k` realizations for each `k` in the increasing `sizes`, and keeps what is made of the last
+    /// ones.
     ///
     /// # Errors
     /// [`Error::Value`] for [`Self::Alse`], which has settings; [`Error::Interrupted`] after a stop, [`Error::Memory`].

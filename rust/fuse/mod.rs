@@ -1,9 +1,10 @@
 //! Weights on the simplex for realizations `E_1 .. E_N`: uniform, accumulated and sequential least squares.
 //!
-//! Accumulated least squares (ALSE) minimises `||sum_i w_i E_i - E*||` over `w >= 0, sum w = 1` in the 2-norm (Frobenius
-//! for matrices): by a formula for singleton vectors, and for matrices whose columns have weights of their own
-//! ([`closed_form()`]), by a certified solver for everything else ([`alse()`]). Sequential least squares (SLSE) takes one line search per realization ([`slse()`]).
-//! The target `E*` is always an argument: a nominal model or a held-out estimate.
+//! Accumulated least squares (ALSE) minimises `||sum_i w_i E_i - E*||` over `w >= 0, sum w = 1` in the 2-norm
+//! (Frobenius for matrices): by a formula for singleton vectors, and for matrices whose columns have weights of their
+//! own ([`closed_form()`]), by a certified solver for everything else ([`alse()`]). Sequential least squares (SLSE)
+//! takes one line search per realization ([`slse()`]). The target `E*` is always an argument: a nominal model or a
+//! held-out estimate.
 
 mod alse;
 mod closed_form;

@@ -245,7 +245,8 @@ mod tests {
         sum + lost
     }
 
-    /// The error after `10^6` steps against a compensated norm of `sum_i w_i E_i - E*`, summed from weights and indices.
+    /// The error after `10^6` steps against a compensated norm of `sum_i w_i E_i - E*`, summed from weights and
+    /// indices.
     #[test]
     fn the_reported_error_is_accurate_after_a_million_steps() {
         for (lines, length) in [(1, 10), (5, 8), (2, 1100)] {

@@ -1,8 +1,9 @@
 //! The state of SLSE on singletons, and its step in `O(lines)`.
 //!
-//! Signs are absorbed (`f_k = sign_k F_k >= 0`), and what is stored is `h` with `g f = c h + b g^2 S`, where `S` counts the
-//! hits so far (`U = S / k` in units of the atoms) and `b = 0` without the safeguard: scaling `F` or adding a multiple of
-//! `U` costs `O(1)`. The inner products of [`State`] are recomputed from `F` by [`Run::refresh`], every `16 length` steps.
+//! Signs are absorbed (`f_k = sign_k F_k >= 0`), and what is stored is `h` with `g f = c h + b g^2 S`, where `S` counts
+//! the hits so far (`U = S / k` in units of the atoms) and `b = 0` without the safeguard: scaling `F` or adding a
+//! multiple of `U` costs `O(1)`. The inner products of [`State`] are recomputed from `F` by [`Run::refresh`], every
+//! `16 length` steps.
 
 use super::line_search::{Move, State};
 use super::slse_sample::{Sample, squared_norm};

@@ -1,7 +1,7 @@
 //! Roots drawn from bidiagonal matrices, where the exact law is out of reach or several roots are needed at once.
 //!
-//! The key is fixed and published here: a simulated quantile is the same number in every call and on every machine, for any
-//! number of threads.
+//! The key is fixed and published here: a simulated quantile is the same number in every call and on every machine, for
+//! any number of threads.
 
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Beta, ChiSquared, Distribution, StandardNormal};
@@ -49,9 +49,10 @@ fn chi_square(degrees: usize) -> Result<ChiSquared<f64>> {
 
 /// Draws of (the largest root, the sum of the roots) of `E_nu^-1 G G'`, `G` (n, d), `nu >= n`.
 ///
-/// `lam = t / (1 - t)`, `t` the eigenvalues of `B B'`, `B` upper bidiagonal with the diagonal `c_p, c_{p-1} s'_{p-1}, .., c_1
-/// s'_1` and above it `-s_p c'_{p-1}, .., -s_2 c'_1`, where `c_k^2 ~ Beta((a + k)/2, (b + k)/2)`, `c'_k^2 ~ Beta(k/2,
-/// (a + b + 1 + k)/2)`, `s^2 = 1 - c^2`, `a = d - p`, `b = nu - p` (Edelman and Sutton 2008).
+/// `lam = t / (1 - t)`, `t` the eigenvalues of `B B'`, `B` upper bidiagonal with the diagonal
+/// `c_p, c_{p-1} s'_{p-1}, .., c_1 s'_1` and above it `-s_p c'_{p-1}, .., -s_2 c'_1`, where
+/// `c_k^2 ~ Beta((a + k)/2, (b + k)/2)`, `c'_k^2 ~ Beta(k/2, (a + b + 1 + k)/2)`, `s^2 = 1 - c^2`, `a = d - p`,
+/// `b = nu - p` (Edelman and Sutton 2008).
 pub(super) fn roots(n: usize, d: usize, nu: usize, size: usize, threads: usize, stop: &Stop) -> Result<Vec<[f64; 2]>> {
     let (p, d, nu) = if n > d { (d, n, nu + d - n) } else { (n, d, nu) };
     let (a, b) = (d - p, nu - p);
@@ -91,8 +92,8 @@ pub(super) fn roots(n: usize, d: usize, nu: usize, size: usize, threads: usize, 
     )
 }
 
-/// Draws of the smallest eigenvalue of `W_n(I, size)`, `N >= n` (first of each pair): of `B B'`, `B` bidiagonal of independent
-/// chi of `N, N - 1, ..` degrees on the diagonal and `n - 1, .., 1` beside it (Dumitriu and Edelman 2002).
+/// Draws of the smallest eigenvalue of `W_n(I, size)`, `N >= n` (first of each pair): of `B B'`, `B` bidiagonal of
+/// independent chi of `N, N - 1, ..` degrees on the diagonal and `n - 1, .., 1` beside it (Dumitriu and Edelman 2002).
 pub(super) fn smallest_wishart_root(
     n: usize,
     samples: usize,
@@ -125,8 +126,8 @@ pub(super) fn smallest_wishart_root(
     )
 }
 
-/// Draws of the largest root of `C^-1/2 G G' C^-1/2`, `G` (n, d), `C` the identity or, for `nu`, diagonal of independent
-/// chi2_nu (first of each pair).
+/// Draws of the largest root of `C^-1/2 G G' C^-1/2`, `G` (n, d), `C` the identity or, for `nu`, diagonal of
+/// independent chi2_nu (first of each pair).
 pub(super) fn largest_of_gaussian(
     n: usize,
     d: usize,

@@ -1,8 +1,9 @@
 //! How large a region must be: the factor of `(Theta - C) V (Theta - C)' <= factor S`.
 //!
-//! `D = H - Theta` of least squares. Independent design: `D V^(1/2) = Sigma^(1/2) G` and `S = Sigma^(1/2) E Sigma^(1/2)` with G
-//! standard normal and E an independent Wishart matrix of nu degrees (Anderson 2003, ch. 8), so that all laws are free of
-//! Theta and Sigma. Any design: mixtures of supermartingales over lines, with Ville's inequality, valid for all N at once.
+//! `D = H - Theta` of least squares. Independent design: `D V^(1/2) = Sigma^(1/2) G` and
+//! `S = Sigma^(1/2) E Sigma^(1/2)` with G standard normal and E an independent Wishart matrix of nu degrees (Anderson
+//! 2003, ch. 8), so that all laws are free of Theta and Sigma. Any design: mixtures of supermartingales over lines,
+//! with Ville's inequality, valid for all N at once.
 
 use std::f64::consts::PI;
 
@@ -85,8 +86,8 @@ impl By<'_> {
 
 /// The exact factor for z independent of Gaussian noise; `columns`: rank, with noise to come.
 ///
-/// Full: Roy's root of `E^-1 G G'`, for one row the law of F; diagonal and scalar: the root of `G G'` against the diagonal and
-/// the trace of S; known: the root of `G G'` alone.
+/// Full: Roy's root of `E^-1 G G'`, for one row the law of F; diagonal and scalar: the root of `G G'` against the
+/// diagonal and the trace of S; known: the root of `G G'` alone.
 pub(crate) fn independent(
     f: &Fitted,
     covariance: Covariance<'_>,
@@ -125,8 +126,8 @@ pub(crate) fn independent(
 
 /// The factor for any design, in `units` fixed before the pairs; unbounded without them.
 ///
-/// Known noise: the sphere mixture. Unknown Gaussian noise: the same with a lower bound of the covariance, or the marginal
-/// likelihood over the largest; [`RegionMethod::Auto`] takes the smaller of both at `delta / 2` each.
+/// Known noise: the sphere mixture. Unknown Gaussian noise: the same with a lower bound of the covariance, or the
+/// marginal likelihood over the largest; [`RegionMethod::Auto`] takes the smaller of both at `delta / 2` each.
 pub(crate) fn adaptive(
     f: &Fitted,
     assumed: Assumed<'_>,
@@ -172,8 +173,9 @@ fn mixture_level(f: &Fitted, units: &Measured, delta: f64, tail: f64) -> Result<
 
 /// Gaussian noise of one covariance: `rho^2` at `delta / 2`, and as much for the covariance.
 ///
-/// Full: `S >= (a - rho^2) Sigma`, a the quantile of the smallest root of `W_n(I, N)`; scalar: `tr S >= (chi^2_{nN} - min(n,
-/// rank) rho^2) sigma^2`: the covariance is at most S over that. `anytime` shares by `1 / (N (N + 1))`.
+/// Full: `S >= (a - rho^2) Sigma`, a the quantile of the smallest root of `W_n(I, N)`; scalar:
+/// `tr S >= (chi^2_{nN} - min(n, rank) rho^2) sigma^2`: the covariance is at most S over that. `anytime` shares by
+/// `1 / (N (N + 1))`.
 fn unknown_noise(
     f: &Fitted,
     assumed: Assumed<'_>,
@@ -204,8 +206,8 @@ fn unknown_noise(
 
 /// `det(I + S^-1 D V D') <= rho`: marginal over largest likelihood; `rho - 1` is the factor.
 ///
-/// Prior `Theta ~ N(C, Sigma x I)` and `Sigma ~ IW(psi I, n + 2)` in the units (Wasserman, Ramdas and Balakrishnan 2020). The
-/// region is valid for any prior.
+/// Prior `Theta ~ N(C, Sigma x I)` and `Sigma ~ IW(psi I, n + 2)` in the units (Wasserman, Ramdas and Balakrishnan
+/// 2020). The region is valid for any prior.
 fn universal(f: &Fitted, units: &Measured, delta: f64) -> Result<f64> {
     let (n, d, pairs) = (f.rows.len(), f.columns.len(), f.size as f64);
     if f.degrees() < n {

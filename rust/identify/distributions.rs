@@ -1,4 +1,5 @@
-//! Quantiles of chi-square and F laws, and upper limits of a noncentrality. Distribution functions are those of `statrs`.
+//! Quantiles of chi-square and F laws, and upper limits of a noncentrality. Distribution functions are those of
+//! `statrs`.
 
 use statrs::function::{
     beta::checked_beta_reg, erf::erfc, gamma::checked_gamma_lr, gamma::checked_gamma_ur, gamma::ln_gamma,
@@ -90,8 +91,8 @@ pub(crate) fn level(name: &'static str, value: f64) -> Result<()> {
     Err(Error::Value { name, expected: "in (0, 1)", found: value.to_string() })
 }
 
-/// `sup {L : P(chi2_k(L) <= x) >= delta}`, 0 if that set is empty: an upper limit for the noncentrality `L` with confidence
-/// `1 - delta` from one value `x`; 0 without degrees of freedom.
+/// `sup {L : P(chi2_k(L) <= x) >= delta}`, 0 if that set is empty: an upper limit for the noncentrality `L` with
+/// confidence `1 - delta` from one value `x`; 0 without degrees of freedom.
 ///
 /// # Errors
 /// [`Error::Value`] for a `delta` outside (0, 1).

@@ -47,8 +47,8 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// From pairs of `x+ = A x + B u + w`: states (N, n), inputs (N, m), and the states one step later (N, n). [`Estimate::new`]
-    /// takes data that come as a triangle, known entries, and an offset.
+    /// From pairs of `x+ = A x + B u + w`: states (N, n), inputs (N, m), and the states one step later (N, n).
+    /// [`Estimate::new`] takes data that come as a triangle, known entries, and an offset.
     ///
     /// # Errors
     /// As [`Estimate::new`].
@@ -125,7 +125,8 @@ impl Estimate {
         Ok(found)
     }
 
-    /// Least squares of `[Z_columns, (Y - Z known')_rows]`, which is `[Z Y]` times a matrix: that of the triangle is enough.
+    /// Least squares of `[Z_columns, (Y - Z known')_rows]`, which is `[Z Y]` times a matrix: that of the triangle is
+    /// enough.
     fn restricted(&self, rows: Vec<usize>, columns: Vec<usize>, stop: &Stop) -> Result<Fitted> {
         let (d, narrow) = (self.d, columns.len() + rows.len());
         let mut some = try_room(WHAT, checked_len(WHAT, self.d + self.n, narrow)?)?;

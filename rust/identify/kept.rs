@@ -25,7 +25,8 @@ static KEPT: Mutex<BTreeMap<Key, (f64, f64)>> = Mutex::new(BTreeMap::new());
 
 /// The quantile of a law for these sizes and this level, from before or by `compute`.
 ///
-/// Nothing waits for the lock: another thread may hold it while the process is forked, and the child would wait for ever.
+/// Nothing waits for the lock: another thread may hold it while the process is forked, and the child would wait for
+/// ever.
 pub(super) fn kept(
     law: Law,
     sizes: [usize; 3],

@@ -1,16 +1,17 @@
 //! The laws of the extreme roots of `E_nu^-1 G G'` (Roy 1953) and of `G G'`, `G` (p, d) standard normal, exactly.
 //!
-//! The largest root of a density with weight `w` is at most `theta` with a probability that is a Pfaffian of (de Bruijn 1955)
+//! The largest root of a density with weight `w` is at most `theta` with a probability that is a Pfaffian of (de Bruijn
+//! 1955)
 //!
 //! ```text
 //! A_ij = int int_{0 < x, y < theta} x^(i-1) y^(j-1) sign(y - x) w(x) w(y) dx dy,
 //! ```
 //!
-//! for odd p bordered by `int x^(i-1) w`. In powers of `x` the rows are nearly dependent; another basis of polynomials only
-//! changes the Pfaffian by its leading coefficients, and in those orthonormal for `w^2 dx/dt` nothing cancels. With
-//! `x = sin(t)^2` (Roy) or `t^2` (Wishart) everything is analytic, so that the rule of Gauss and Legendre is exact to
-//! rounding. With `c_l` the coefficients of the functions in Legendre's polynomials (times `2 / (2 l + 1)`), and since the
-//! integral of `P_l` is `(P_{l+1} - P_{l-1}) / (2 l + 1)`,
+//! for odd p bordered by `int x^(i-1) w`. In powers of `x` the rows are nearly dependent; another basis of polynomials
+//! only changes the Pfaffian by its leading coefficients, and in those orthonormal for `w^2 dx/dt` nothing cancels.
+//! With `x = sin(t)^2` (Roy) or `t^2` (Wishart) everything is analytic, so that the rule of Gauss and Legendre is exact
+//! to rounding. With `c_l` the coefficients of the functions in Legendre's polynomials (times `2 / (2 l + 1)`), and
+//! since the integral of `P_l` is `(P_{l+1} - P_{l-1}) / (2 l + 1)`,
 //!
 //! ```text
 //! A_ij = sum_l c_li c_{l+1,j} - c_lj c_{l+1,i}.
@@ -38,7 +39,8 @@ struct Law {
     /// Powers of the weight: `sin^b cos^a` or `t^b exp(-t^2)`.
     a: f64,
     b: f64,
-    /// Three-term recurrence of the orthonormal polynomials in `s`: `next_{i+1} q_{i+1} = (s - middle_i) q_i - next_i q_{i-1}`.
+    /// Three-term recurrence of the orthonormal polynomials in `s`:
+    /// `next_{i+1} q_{i+1} = (s - middle_i) q_i - next_i q_{i-1}`.
     middle: Vec<f64>,
     next: Vec<f64>,
     /// Logarithm of the norm of the weight itself, and of what the Pfaffian is to be multiplied by.

@@ -1,7 +1,8 @@
 //! Least squares from one triangle: `R` with `R' R = [Z Y]' [Z Y]`, the rows of `Z` being `z = (x, u, 1)`.
 //!
-//! Everything that a region needs is a function of `R` and the number of pairs. `V = sum z z'` is never formed, since that
-//! squares its condition number. Rank is decided on columns of unit length: the statements do not depend on the units of z.
+//! Everything that a region needs is a function of `R` and the number of pairs. `V = sum z z'` is never formed, since
+//! that squares its condition number. Rank is decided on columns of unit length: the statements do not depend on the
+//! units of z.
 
 use crate::control::singular;
 use crate::error::{Error, Result};
@@ -13,8 +14,8 @@ use super::triangle::triangle;
 
 pub(super) const WHAT: &str = "least squares";
 
-/// Times `(d + n) eps` of the lengths: rounding of outcomes, triangle and estimate. The largest error of exact pairs was
-/// `1.5 (d + n) eps`, for 12 to 1e5 pairs and ratios down to 1e-12.
+/// Times `(d + n) eps` of the lengths: rounding of outcomes, triangle and estimate. The largest error of exact pairs
+/// was `1.5 (d + n) eps`, for 12 to 1e5 pairs and ratios down to 1e-12.
 pub(crate) const SLACK: f64 = 4.0;
 
 /// Least squares for some rows and columns of Theta, and what its error is measured with.
@@ -63,8 +64,8 @@ impl Fitted {
         lengths(&self.regressors, self.columns.len(), self.columns.len())
     }
 
-    /// The missing directions, row by row (d - rank, d), combined so that each has an entry of its own: Gauss and Jordan
-    /// with pivots. The first entry of each is positive, and what is rounding is 0.
+    /// The missing directions, row by row (d - rank, d), combined so that each has an entry of its own: Gauss and
+    /// Jordan with pivots. The first entry of each is positive, and what is rounding is 0.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -188,12 +189,13 @@ pub(crate) fn lengths(rows: &[f64], width: usize, count: usize) -> Result<Vec<f6
     try_collect(WHAT, (0..count).map(length).map(|size| if size == 0.0 { 1.0 } else { size }))
 }
 
-/// The rank of `M = U diag(s) Q'` and an orthonormal basis of its null space as columns (d, d - rank), from the rows of Q'.
+/// The rank of `M = U diag(s) Q'` and an orthonormal basis of its null space as columns (d, d - rank), from the rows of
+/// Q'.
 ///
-/// Singular values up to `share s_1` are taken for rounding, and so is a row w of the basis with `||w|| <= share s_1 ||q /
-/// s||`, q the other entries of its row i: with the a in the range of M' with `a_i = 1` and the smallest `||M a|| = 1 / ||q /
-/// s||`, row i of `basis - a w` is 0, and these columns span the null space of a matrix within `||M a|| ||w|| <= share s_1`
-/// of M.
+/// Singular values up to `share s_1` are taken for rounding, and so is a row w of the basis with
+/// `||w|| <= share s_1 ||q / s||`, q the other entries of its row i: with the a in the range of M' with `a_i = 1` and
+/// the smallest `||M a|| = 1 / ||q / s||`, row i of `basis - a w` is 0, and these columns span the null space of a
+/// matrix within `||M a|| ||w|| <= share s_1` of M.
 pub(crate) fn null_space(vectors: &[f64], s: &[f64], d: usize, share: f64) -> Result<(usize, Vec<f64>)> {
     let least = share * s.first().copied().unwrap_or(0.0);
     let rank = s.iter().filter(|s| **s > least).count();
@@ -208,7 +210,8 @@ pub(crate) fn null_space(vectors: &[f64], s: &[f64], d: usize, share: f64) -> Re
     Ok((rank, basis))
 }
 
-/// Lower triangle L (n, n) with `L L'` = `matrix`, of which the lower half is read; None where it is not positive definite.
+/// Lower triangle L (n, n) with `L L'` = `matrix`, of which the lower half is read; None where it is not positive
+/// definite.
 pub(crate) fn cholesky(matrix: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
     let mut l = try_zeros::<f64>(WHAT, checked_len(WHAT, n, n)?)?;
     for i in 0..n {

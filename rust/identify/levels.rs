@@ -1,13 +1,14 @@
 //! Levels of the anytime regions: the mixture over the sphere, `1F1(1/2; n/2; c)`, and one sub-Gaussian vector.
 //!
-//! With `ld = log det(I + V / lam)`, `||M (V + lam I)^(-1/2)||^2 <= 2 sigma^2 c`, `1F1(1/2; n/2; c) = exp(ld / 2) / delta`, for
-//! all N at once (Ville's inequality; `tests/python/twin/anytime.py`).
+//! With `ld = log det(I + V / lam)`, `||M (V + lam I)^(-1/2)||^2 <= 2 sigma^2 c`,
+//! `1F1(1/2; n/2; c) = exp(ld / 2) / delta`, for all N at once (Ville's inequality; `tests/python/twin/anytime.py`).
 
 use crate::error::{Error, Result};
 
 use super::distributions::{level, positive_root};
 
-/// `log sum_k t_k`, `t_0 = 1`, `t_{k+1} = t_k ratio(k)`, all positive: until `ratio <= 1/2` and what is left is below rounding.
+/// `log sum_k t_k`, `t_0 = 1`, `t_{k+1} = t_k ratio(k)`, all positive: until `ratio <= 1/2` and what is left is below
+/// rounding.
 fn log_series(ratio: impl Fn(f64) -> f64) -> f64 {
     const LARGE: f64 = 1e200;
     let (mut term, mut sum, mut log, mut k) = (1.0, 1.0, 0.0, 0.0);
@@ -38,8 +39,8 @@ pub fn sphere_level(n: usize, ld: f64, delta: f64) -> Result<f64> {
     Ok(0.5 * least_squares_level(n, &[ld], &[1.0], delta, false)?)
 }
 
-/// `rho^2` with `||D V^(1/2)||^2 <= rho^2 sigma^2` for least squares, from `ld` and `wider = 1 + lam / (smallest eigenvalue of
-/// V)` of `J` values of `lam` fixed beforehand: `2 c` with
+/// `rho^2` with `||D V^(1/2)||^2 <= rho^2 sigma^2` for least squares, from `ld` and
+/// `wider = 1 + lam / (smallest eigenvalue of V)` of `J` values of `lam` fixed beforehand: `2 c` with
 ///
 /// ```text
 /// sum_j exp(-ld_j / 2) 1F1(1/2; n/2; c / wider_j) = J / delta,
@@ -78,13 +79,15 @@ pub fn least_squares_level(n: usize, ld: &[f64], wider: &[f64], delta: f64, frob
         let top = each.clone().map(term).fold(f64::NEG_INFINITY, f64::max);
         top + each.clone().map(|pair| (term(pair) - top).exp()).sum::<f64>().ln() + log_share
     };
-    // 1F1(1/2; n/2; c) <= exp(c): the root is at least the smallest wider_j times log(1 / delta), for one j exactly so at n = 1
+    // 1F1(1/2; n/2; c) <= exp(c): the root is at least the smallest wider_j times log(1 / delta), for one j exactly so
+    // at n = 1
     let start = each.clone().map(|(ld, wide)| (ld / 2.0 - log_share) * wide).fold(f64::INFINITY, f64::min);
     Ok(2.0 * positive_root(start, left)?)
 }
 
-/// `r` with `P(||w|| > r sigma) <= delta` for one sub-Gaussian `w` in `n` dimensions: Markov's inequality for the mean of
-/// `exp(s l'w)` over the sphere, `0F1(n/2; s^2 ||w||^2 / 4)`, of expectation at most `exp(s^2 / 2)`, with the best `s`.
+/// `r` with `P(||w|| > r sigma) <= delta` for one sub-Gaussian `w` in `n` dimensions: Markov's inequality for the mean
+/// of `exp(s l'w)` over the sphere, `0F1(n/2; s^2 ||w||^2 / 4)`, of expectation at most `exp(s^2 / 2)`, with the best
+/// `s`.
 ///
 /// # Errors
 /// [`Error::Value`] for a `delta` outside (0, 1) or `n = 0`.

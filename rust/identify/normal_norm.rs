@@ -6,8 +6,8 @@
 //! a_0 = prod sqrt(b / lam_i),    a_{k+1} = sum_i h_i / (2 (k + 1)),    h_i <- (1 - b / lam_i) (h_i + a_k).
 //! ```
 //!
-//! All are positive with sum 1, so that for every `last`, `sum_{k<=last} a_k P(chi^2_{n+2k} > x) + 1 - sum_{k<=last} a_k` is an
-//! upper bound of the tail.
+//! All are positive with sum 1, so that for every `last`,
+//! `sum_{k<=last} a_k P(chi^2_{n+2k} > x) + 1 - sum_{k<=last} a_k` is an upper bound of the tail.
 
 use statrs::function::gamma::{checked_gamma_ur, ln_gamma};
 
@@ -18,8 +18,8 @@ use super::distributions::{chi2_upper, level};
 use super::symmetric::Symmetric;
 
 const WHAT: &str = "the quantile of a normal vector";
-/// Eigenvalues are raised to this share of the largest, which widens the quantile by less than .0005 at `n = 4` and bounds
-/// the number of terms.
+/// Eigenvalues are raised to this share of the largest, which widens the quantile by less than .0005 at `n = 4` and
+/// bounds the number of terms.
 const LEAST: f64 = 1e-3;
 /// The same where a tenth of the time is worth .005.
 const COARSE: f64 = 1e-2;
@@ -31,8 +31,8 @@ const NOTHING: f64 = 1e-15;
 /// A level that this does not change by more than .1 %.
 const SMALL: f64 = 1e-8;
 
-/// `t` with `P(||x|| > t) <= delta` for normal x of mean 0 and this `covariance` (n, n), symmetric; nearly equal, as `LEAST`
-/// allows. Infinite where an entry is not finite.
+/// `t` with `P(||x|| > t) <= delta` for normal x of mean 0 and this `covariance` (n, n), symmetric; nearly equal, as
+/// `LEAST` allows. Infinite where an entry is not finite.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::Value`] for a `delta` outside (0, 1), [`Error::Memory`].
@@ -71,8 +71,8 @@ fn raised_quantile(covariance: &[f64], n: usize, delta: f64, least: f64) -> Resu
 
 /// `x` with `P(sum_i lam_i g_i^2 > x) = delta`, the largest `lam_i` being 1.
 ///
-/// By Newton's steps for the logarithm of the tail from the quantile of the chi^2 with the same mean and variance; above, it is
-/// `sum lam_i + 2 sqrt(sum lam_i^2 l) + 2 l`, `l = log(1 / delta)` (Laurent and Massart 2000).
+/// By Newton's steps for the logarithm of the tail from the quantile of the chi^2 with the same mean and variance;
+/// above, it is `sum lam_i + 2 sqrt(sum lam_i^2 l) + 2 l`, `l = log(1 / delta)` (Laurent and Massart 2000).
 fn quantile(lam: &[f64], delta: f64) -> Result<f64> {
     const CLOSE: f64 = 1e-7;
     if delta < SMALL {
@@ -122,8 +122,8 @@ fn about_chi2(delta: f64, degrees: f64) -> f64 {
     degrees * (1.0 - share + z.copysign(0.5 - delta) * share.sqrt()).max(0.05).powi(3)
 }
 
-/// `a_first, a_{first+1}, ..`, those before being nearly 0, until all but `LEFT` is there or those that are left are multiplied by
-/// nearly 1, and the sums of those before each.
+/// `a_first, a_{first+1}, ..`, those before being nearly 0, until all but `LEFT` is there or those that are left are
+/// multiplied by nearly 1, and the sums of those before each.
 struct Weights {
     first: f64,
     a: Vec<f64>,

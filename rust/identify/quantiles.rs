@@ -1,7 +1,7 @@
 //! Quantiles of the roots that measure the error of least squares with Gaussian noise.
 //!
-//! `G` (n, d) is standard normal and `E_nu` an independent Wishart matrix `W_n(I, nu)`. Laws of one extreme root are exact
-//! where [`super::largest_root`] says that they are; traces, joint sets and diagonal noise are drawn.
+//! `G` (n, d) is standard normal and `E_nu` an independent Wishart matrix `W_n(I, nu)`. Laws of one extreme root are
+//! exact where [`super::largest_root`] says that they are; traces, joint sets and diagonal noise are drawn.
 
 use statrs::function::gamma::ln_gamma;
 
@@ -17,8 +17,8 @@ const WHAT: &str = "the draws behind a quantile";
 /// A law is used if what it should be 1 is wrong by at most this part of delta.
 const TRUSTED: f64 = 1e-2;
 
-/// The `ceil((1 - delta) (M + 1))`-th smallest of `M` draws, infinite if there are too few: a further draw is larger with
-/// probability at most `delta`, over all `M + 1` draws (Dwass 1957).
+/// The `ceil((1 - delta) (M + 1))`-th smallest of `M` draws, infinite if there are too few: a further draw is larger
+/// with probability at most `delta`, over all `M + 1` draws (Dwass 1957).
 pub(super) fn order_quantile(draws: impl IntoIterator<Item = f64>, delta: f64) -> Result<f64> {
     let mut draws = try_collect(WHAT, draws)?;
     let k = ((1.0 - delta) * (draws.len() + 1) as f64 - 1e-9).ceil() as usize;
@@ -63,8 +63,8 @@ fn stoppable(low: f64, high: f64, stop: &Stop, f: impl Fn(f64) -> Result<f64>) -
 
 /// The largest `x` from `low` to `high` with `share(x) <= 1`, at most `PRECISE` too small; `share` grows.
 ///
-/// By secants of its logarithm, which is nearly linear, with half the value at an end that stays (Illinois). A few values
-/// of a distribution function: to the last digit it would take many more, that only follow its rounding.
+/// By secants of its logarithm, which is nearly linear, with half the value at an end that stays (Illinois). A few
+/// values of a distribution function: to the last digit it would take many more, that only follow its rounding.
 fn reached(low: f64, high: f64, stop: &Stop, share: impl Fn(f64) -> Result<f64>) -> Result<f64> {
     let value = |x: f64| share(x).map(|v| v.max(1e-9).ln());
     let (mut low, mut high) = ((low, value(low)?), (high, value(high)?));
@@ -243,8 +243,8 @@ pub fn trace_quantile(n: usize, d: usize, nu: usize, delta: f64, threads: usize,
     order_quantile(roots(n, d, nu, DRAWS, threads, stop)?.into_iter().map(|[_, sum]| sum), delta)
 }
 
-/// Radii of `||Gamma||_2` and `||Gamma||_F` in one event of `1 - delta`, `Gamma Gamma' = E_nu^-1 G G'` but for a rotation:
-/// roots of `t q_R` and `t q_T`, `t` the quantile of `max(lam_max / q_R, tr / q_T)`; infinite for `nu < n`.
+/// Radii of `||Gamma||_2` and `||Gamma||_F` in one event of `1 - delta`, `Gamma Gamma' = E_nu^-1 G G'` but for a
+/// rotation: roots of `t q_R` and `t q_T`, `t` the quantile of `max(lam_max / q_R, tr / q_T)`; infinite for `nu < n`.
 ///
 /// # Errors
 /// As [`roy_quantile`].

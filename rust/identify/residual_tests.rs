@@ -1,8 +1,8 @@
 //! Tests of residuals with exact levels, by simulation: warnings, never a licence for a region.
 //!
-//! For regressors independent of Gaussian noise, residuals scaled to `sum e e' = I` have a law free of `Theta` and `Sigma`:
-//! that of `X - Q Q' X`, `X` standard normal, scaled likewise. The rank of an observed statistic among simulated ones has an
-//! exact p-value (Dufour and Khalaf 2002).
+//! For regressors independent of Gaussian noise, residuals scaled to `sum e e' = I` have a law free of `Theta` and
+//! `Sigma`: that of `X - Q Q' X`, `X` standard normal, scaled likewise. The rank of an observed statistic among
+//! simulated ones has an exact p-value (Dufour and Khalaf 2002).
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -89,7 +89,8 @@ fn matrix(values: &[f64], cols: usize) -> MatRef<'_, f64> {
 /// Number of statistics.
 pub const STATISTICS: usize = 5;
 
-/// The five statistics of residuals `e` (N, n), which are scaled to `sum e e' = I` in place; large where an assumption fails.
+/// The five statistics of residuals `e` (N, n), which are scaled to `sum e e' = I` in place; large where an assumption
+/// fails.
 ///
 /// `sum_{j=1..5} ||C_j||_F^2` and `||C_1||_F^2`, `C_j = sum e_t e_{t-j}'`; the kurtosis `sum ||e_t||^4` (Mardia 1970);
 /// `|corr(||e_t||^2, h_t)|` with the leverage; `||sum_{t <= N/2} e_t q_t'||_F^2`, since the whole sum is 0.
@@ -151,8 +152,8 @@ fn whiten(e: &mut [f64], n: usize, square: &mut [f64]) -> Result<()> {
     Ok(())
 }
 
-/// Tests of least squares of the rows (z, y) (N, width) on the first d columns, with p-values by simulation, and how far off
-/// each statistic is in standard deviations; None with too few pairs for a test.
+/// Tests of least squares of the rows (z, y) (N, width) on the first d columns, with p-values by simulation, and how
+/// far off each statistic is in standard deviations; None with too few pairs for a test.
 ///
 /// Of the outcomes `tested`, and where their residuals are tied to each other, of as many combinations as are not: the
 /// statistics are those of any basis.
@@ -188,8 +189,9 @@ pub fn residual_checks(
     residual_p_values(&found, p, draws, key, threads, stop).map(Some)
 }
 
-/// `(1 + #{simulated >= observed}) / (draws + 1)` for each statistic of the residuals of `n` outcomes, and how many standard
-/// deviations of the simulated ones it is above their mean (0 where they are all equal); NaN for `N - rank < n`.
+/// `(1 + #{simulated >= observed}) / (draws + 1)` for each statistic of the residuals of `n` outcomes, and how many
+/// standard deviations of the simulated ones it is above their mean (0 where they are all equal); NaN for
+/// `N - rank < n`.
 ///
 /// # Errors
 /// [`Error::Numerical`] for residuals that are dependent, [`Error::Memory`], [`Error::Interrupted`].

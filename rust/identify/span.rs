@@ -5,8 +5,8 @@ use super::symmetric::Symmetric;
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, try_collect, try_copy, try_push, try_zeros};
 
-/// Least eigenvalue of the correlation matrix of residuals that is taken for 0. With a covariance of full rank it is below
-/// with a probability of order `(1e-4 n)^2`, as there are more pairs than needed.
+/// Least eigenvalue of the correlation matrix of residuals that is taken for 0. With a covariance of full rank it is
+/// below with a probability of order `(1e-4 n)^2`, as there are more pairs than needed.
 const SINGULAR: f64 = 1e-8;
 /// Times what rounding may change, below which a residual is 0.
 const ROUNDING: f64 = 10.0;

@@ -9,7 +9,8 @@ use crate::memory::{checked_len, room_for_products, try_copy, try_zeros};
 const WHAT: &str = "the eigenvalues of a symmetric matrix";
 
 /// The eigenvalues of the symmetric tridiagonal matrix with `diagonal` and `below[i]` in row `i + 1`, in no order, in
-/// place of `diagonal`; `below`, as long as `diagonal`, is overwritten. QL with implicit shifts (Martin and Wilkinson 1968).
+/// place of `diagonal`; `below`, as long as `diagonal`, is overwritten. QL with implicit shifts (Martin and Wilkinson
+/// 1968).
 pub(super) fn tridiagonal_eigenvalues(diagonal: &mut [f64], below: &mut [f64]) -> Result<()> {
     tridiagonal_eigenpairs(diagonal, below, &mut [])
 }
@@ -214,8 +215,8 @@ pub(crate) fn spectral_norm(m: &[f64], rows: usize, cols: usize) -> Result<f64> 
     Ok(scale * gram.largest()?.max(0.0).sqrt())
 }
 
-/// A root of a covariance (n, n): `root root' = S`, by the eigenvalues of `D^-1 S D^-1`, `D^2` the diagonal of S. So the
-/// rounding of each row is relative to its own size, whatever the units of the others are.
+/// A root of a covariance (n, n): `root root' = S`, by the eigenvalues of `D^-1 S D^-1`, `D^2` the diagonal of S. So
+/// the rounding of each row is relative to its own size, whatever the units of the others are.
 pub(crate) fn covariance_root(covariance: &[f64], n: usize) -> Result<Vec<f64>> {
     let mut small = Symmetric::new(n)?;
     let mut sizes = try_zeros::<f64>(WHAT, n)?;

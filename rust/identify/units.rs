@@ -1,7 +1,7 @@
 //! What the mixtures of any design are measured in: fixed before the pairs of the estimate.
 //!
-//! A supermartingale that starts at 1 after the first N1 pairs may be measured in anything they say: with `P = Z1 Z1' / N1`
-//! and `kappa_j` fixed in advance, over the N2 pairs after them, for all of these at once,
+//! A supermartingale that starts at 1 after the first N1 pairs may be measured in anything they say: with
+//! `P = Z1 Z1' / N1` and `kappa_j` fixed in advance, over the N2 pairs after them, for all of these at once,
 //!
 //! ```text
 //! ||M (V + kappa P)^(-1/2)||^2 <= 2 sigma^2 c,    ld = log det(I + P^-1 V / kappa),    V + kappa P <= (1 + kappa / s_min) V
@@ -19,7 +19,8 @@ use super::estimate::Estimate;
 use super::least_squares::{Fitted, WHAT, fit};
 use super::triangle::triangle;
 
-/// `lam` of the mixtures in units of the squared scale of z: fixed before the data, as the event of a region refers to them.
+/// `lam` of the mixtures in units of the squared scale of z: fixed before the data, as the event of a region refers to
+/// them.
 pub const MIXTURES: [f64; 16] = {
     let (mut grid, mut j) = ([0.0625; 16], 1);
     while j < 16 {
@@ -42,8 +43,8 @@ pub enum Magnitudes<'a> {
     First(&'a Estimate),
 }
 
-/// How many of the first of N pairs `rows` (N, width) `= [Z Y]` are to say the size of the others: `max(N / 8, 2 d)`, and twice
-/// as many again up to N / 2 while they do not determine all of Z. None for `N < 4 d`.
+/// How many of the first of N pairs `rows` (N, width) `= [Z Y]` are to say the size of the others: `max(N / 8, 2 d)`,
+/// and twice as many again up to N / 2 while they do not determine all of Z. None for `N < 4 d`.
 ///
 /// The number is a stopping time: it depends on no pair behind it.
 ///

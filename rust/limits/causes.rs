@@ -1,7 +1,8 @@
-//! What explains a bias that was learned at rest: the error of the model, constants at the inputs, or sensors that are wrong.
+//! What explains a bias that was learned at rest: the error of the model, constants at the inputs, or sensors that are
+//! wrong.
 //!
-//! `e = (Theta - H) z + b d + M_y s + n` for constants d at the inputs and s of the sensors, `b = -M_u`, z at rest. Causes are
-//! refuted where what they leave of e is outside of the sum of the ellipsoids of n and of `(Theta - H) z`.
+//! `e = (Theta - H) z + b d + M_y s + n` for constants d at the inputs and s of the sensors, `b = -M_u`, z at rest.
+//! Causes are refuted where what they leave of e is outside of the sum of the ellipsoids of n and of `(Theta - H) z`.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
@@ -40,7 +41,8 @@ pub struct Learned<'a> {
 pub struct Causes {
     /// Constants at the inputs (m), if these alone explain it.
     pub constants: Option<Vec<f64>>,
-    /// How much more each output reads than the others say (p), where that explains it; beside constants, unless these do.
+    /// How much more each output reads than the others say (p), where that explains it; beside constants, unless these
+    /// do.
     pub sensors: Vec<Option<f64>>,
     /// Whether two sensors do, where nothing else does.
     pub two: bool,
@@ -137,8 +139,8 @@ impl Ellipsoids<'_> {
 }
 
 impl SetPoints {
-    /// What explains a bias at rest. None where noise and the error of the model do, and where no bound of these is known; a false
-    /// explanation is given with at most this probability, in the event of the region.
+    /// What explains a bias at rest. None where noise and the error of the model do, and where no bound of these is
+    /// known; a false explanation is given with at most this probability, in the event of the region.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Value`], [`Error::Numerical`], [`Error::Memory`].
@@ -194,7 +196,8 @@ impl SetPoints {
         })?
     }
 
-    /// Directions of the outputs (any, p), in these sizes, of which at most `least` leaves in a step: all that integrates.
+    /// Directions of the outputs (any, p), in these sizes, of which at most `least` leaves in a step: all that
+    /// integrates.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].

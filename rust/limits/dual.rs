@@ -1,10 +1,11 @@
 //! The nearest point within limits, for one point after another, in memory that is asked for once.
 //!
-//! The least `(v - f)' W^-1 (v - f)` over `low <= v <= high` and `|v_i - v_(i-m)| <= rate` of inputs is `v = f - W C' mu` with
-//! `(C W C') mu = C f - b` over the active rows C. Rounds of block pivoting exchange all rows that are broken or have a
-//! multiplier of the wrong sign; where these end without a result, the dual method of Goldfarb and Idnani (1983) exchanges
-//! one at a time, with updates of one factor. W may be singular, as only products of rows with it are used: a limit that may
-//! be exceeded at the cost `w s^2` is one with `1 / w` added to its diagonal entry.
+//! The least `(v - f)' W^-1 (v - f)` over `low <= v <= high` and `|v_i - v_(i-m)| <= rate` of inputs is
+//! `v = f - W C' mu` with `(C W C') mu = C f - b` over the active rows C. Rounds of block pivoting exchange all rows
+//! that are broken or have a multiplier of the wrong sign; where these end without a result, the dual method of
+//! Goldfarb and Idnani (1983) exchanges one at a time, with updates of one factor. W may be singular, as only products
+//! of rows with it are used: a limit that may be exceeded at the cost `w s^2` is one with `1 / w` added to its diagonal
+//! entry.
 
 use super::factor::Factor;
 use super::kernel::{add_lines, padded};

@@ -1,5 +1,5 @@
-//! Cholesky factor of a symmetric matrix whose size changes from face to face, in memory asked for once, and the products
-//! of large matrices.
+//! Cholesky factor of a symmetric matrix whose size changes from face to face, in memory asked for once, and the
+//! products of large matrices.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
@@ -38,8 +38,8 @@ impl Factor {
         Ok(Self { lower, inverse: try_zeros(WHAT, most)?, block: try_zeros(WHAT, block)?, n: 0, ld })
     }
 
-    /// Factors the matrix of `n` rows whose column `j` from the diagonal on is written by `column(j, into)`. False if it
-    /// is not positive definite to rounding.
+    /// Factors the matrix of `n` rows whose column `j` from the diagonal on is written by `column(j, into)`. False if
+    /// it is not positive definite to rounding.
     pub(crate) fn set(
         &mut self,
         n: usize,

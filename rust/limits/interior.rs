@@ -1,8 +1,8 @@
 //! Mehrotra's interior point between the limits: it cannot cycle, and every iterate is inside.
 //!
-//! With slacks `s`, multipliers `z >= 0` of the finite limits and half gradients `g = z_low - z_high` at the solution, one
-//! step solves `(H + z_l/s_l + z_h/s_h) du = -g + (sigma mu - c_l)/s_l - (sigma mu - c_h)/s_h` twice: for `sigma = c = 0`,
-//! then with the second-order terms `c` of this step (Nocedal and Wright 2006, 16.6).
+//! With slacks `s`, multipliers `z >= 0` of the finite limits and half gradients `g = z_low - z_high` at the solution,
+//! one step solves `(H + z_l/s_l + z_h/s_h) du = -g + (sigma mu - c_l)/s_l - (sigma mu - c_h)/s_h` twice: for
+//! `sigma = c = 0`, then with the second-order terms `c` of this step (Nocedal and Wright 2006, 16.6).
 
 use super::bounds::Bounds;
 use super::quadratic::{Quadratic, Status, Until};

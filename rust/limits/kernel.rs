@@ -143,7 +143,8 @@ kernel! {
 }
 
 kernel! {
-    /// `out = sum_i w_i line_i` of lines as long as `out`; of a symmetric matrix its product with `w`, as fast as it is read.
+    /// `out = sum_i w_i line_i` of lines as long as `out`; of a symmetric matrix its product with `w`, as fast as it is
+    /// read.
     fn combined<'a>(lines: &'a [f64], w: &'a [f64], out: &'a mut [f64]) -> () {
         out.fill(0.0);
         add_rows(lines, w, 1, out, 0);
@@ -151,8 +152,8 @@ kernel! {
 }
 
 kernel! {
-    /// `residual = rows v - y` and `out += rows' residual`, a few rows at a time: they are read once. `triangular`: row `i`
-    /// has zeros before column `i`.
+    /// `residual = rows v - y` and `out += rows' residual`, a few rows at a time: they are read once. `triangular`: row
+    /// `i` has zeros before column `i`.
     fn add_gradient<'a>(
         rows: &'a [f64], v: &'a [f64], y: &'a [f64], triangular: bool, residual: &'a mut [f64], out: &'a mut [f64],
     ) -> () {
@@ -235,8 +236,8 @@ kernel! {
 }
 
 kernel! {
-    /// Sweeps of coordinate descent over the inputs with `held = 0`, until one leaves the limits reached as they are: `u`
-    /// inside the limits, `g` its half gradient.
+    /// Sweeps of coordinate descent over the inputs with `held = 0`, until one leaves the limits reached as they are:
+    /// `u` inside the limits, `g` its half gradient.
     fn descend<'a>(
         h: &'a [f64], curvature: &'a [f64], held: &'a [i8], bounds: Bounds<'a>, sweeps: usize, u: &'a mut [f64],
         g: &'a mut [f64],

@@ -1,8 +1,8 @@
 //! Controls within limits: the least `J(u) = ||M u - y||^2 + u' R u` over `low <= u <= high`.
 //!
 //! Block principal pivoting finds which limits are reached, with an interior point as safeguard and orthogonal factors
-//! where the problem is ill-conditioned. Every result says how far it can be from the minimum, computed from `M`, `R`, `y`
-//! and the result alone: for the half gradient `g = M'(M u - y) + R u` and any `v` within the limits,
+//! where the problem is ill-conditioned. Every result says how far it can be from the minimum, computed from `M`, `R`,
+//! `y` and the result alone: for the half gradient `g = M'(M u - y) + R u` and any `v` within the limits,
 //! `||u - u*||_H^2 <= <g, u - v>` at its largest, and `||u - u*||_H^2 <= e' H^{-1} e` with `e` the part of `g` that no
 //! limit balances, `H = M'M + R`.
 

@@ -1,7 +1,7 @@
 //! A problem by orthogonal factors, for ill-conditioned ones: `[M y; R^(1/2) 0] = Q [T c; 0 p]` gives
 //! `J(u) = ||T u - c||^2 + p^2`, and a face is solved by the triangle of `T_F`. No matrix is squared. Where `T` is
-//! singular, `J(u) + damping sum_i H_ii u_i^2` is minimised, whose control is unique and does not depend on the units of
-//! inputs, and [`Orthogonal::certified`] judges it by J.
+//! singular, `J(u) + damping sum_i H_ii u_i^2` is minimised, whose control is unique and does not depend on the units
+//! of inputs, and [`Orthogonal::certified`] judges it by J.
 
 use super::bounds::Bounds;
 use super::certificate::{Certificate, frank_wolfe};
@@ -157,9 +157,9 @@ impl Orthogonal {
 
     /// `J(u)` without damping, its half gradient in `g`, and how far it is from the least.
     ///
-    /// With `r = T u - c` and any `v`, `J(z) >= J(u) - ||r - v||^2 + 2 sum_i (T'v)_i (z_i - u_i)` for all z. The sum is at
-    /// least 0 within the limits if `T'v` is 0 but for inputs at a limit that balances it. So v is r less its part in the
-    /// range of the columns of the other inputs. Inputs with `held` not 0 do not change.
+    /// With `r = T u - c` and any `v`, `J(z) >= J(u) - ||r - v||^2 + 2 sum_i (T'v)_i (z_i - u_i)` for all z. The sum is
+    /// at least 0 within the limits if `T'v` is 0 but for inputs at a limit that balances it. So v is r less its part
+    /// in the range of the columns of the other inputs. Inputs with `held` not 0 do not change.
     pub(super) fn certified(
         &mut self,
         bounds: Bounds<'_>,

@@ -35,7 +35,8 @@ pub(super) trait Quadratic {
     /// `J(u)`, and `g` from the residual.
     fn slope(&mut self, u: &[f64], g: &mut [f64]) -> f64;
 
-    /// Factors `H + diag(diagonal)` for the inputs with `held = 0`, beside the face; false if it is not positive definite to rounding.
+    /// Factors `H + diag(diagonal)` for the inputs with `held = 0`, beside the face; false if it is not positive
+    /// definite to rounding.
     fn barrier(&mut self, held: &[i8], diagonal: &[f64], until: Until<'_>) -> Result<bool>;
 
     /// `v <- (H + diag)^{-1} v` by the last [`Self::barrier`], 0 elsewhere.

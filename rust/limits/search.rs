@@ -1,8 +1,8 @@
 //! Block principal pivoting, the interior point as its safeguard, and the certificate of what they find.
 //!
-//! Pivoting (Judice and Pires 1994) minimises over the free inputs, exchanges every input that violates its limit or the
-//! sign of its multiplier, and repeats. It may cycle: once the number of violations has not fallen for a few rounds, the
-//! interior point takes over, and its limits are where pivoting ends.
+//! Pivoting (Judice and Pires 1994) minimises over the free inputs, exchanges every input that violates its limit or
+//! the sign of its multiplier, and repeats. It may cycle: once the number of violations has not fallen for a few
+//! rounds, the interior point takes over, and its limits are where pivoting ends.
 
 use super::bounds::Bounds;
 use super::certificate::{Certificate, frank_wolfe};
@@ -73,8 +73,8 @@ impl Search {
         Ok(())
     }
 
-    /// Searches from the limits that `warm` names, or from a guess; then `u`, `g` and `certificate` are those of the best
-    /// control found.
+    /// Searches from the limits that `warm` names, or from a guess; then `u`, `g` and `certificate` are those of the
+    /// best control found.
     pub(super) fn run(
         &mut self,
         q: &mut impl Quadratic,
@@ -294,8 +294,8 @@ impl Search {
         }
         found.at_least_nothing(q.scale());
         let best = &self.certificate;
-        // without a limit on some side the gap is infinite at first: there the later one is the corrected one, if it does
-        // not cost more; of several exact ones the last is at its limits, where an interior point only comes close
+        // without a limit on some side the gap is infinite at first: there the later one is the corrected one, if it
+        // does not cost more; of several exact ones the last is at its limits, where an interior point only comes close
         let lower = objective <= best.objective + EXACT * scale;
         let unknown = found.gap == f64::INFINITY && best.gap == f64::INFINITY && lower;
         if found.gap < best.gap || unknown || found.gap <= EXACT * scale {

@@ -6,8 +6,9 @@
 //! M (y, u) = c + e,    M = [I, 0] - Theta N,    c = Theta N_1
 //! ```
 //!
-//! Where a gain makes the loop of the model stable, M has full row rank: its points of rest are of dimension m, whether it
-//! integrates or not. m rows `[Hy Hu] (y, u) = r` choose one: `(y, u) = T_e (c + e) + T_r r`, `[T_e T_r] = [M; Hy Hu]^-1`.
+//! Where a gain makes the loop of the model stable, M has full row rank: its points of rest are of dimension m, whether
+//! it integrates or not. m rows `[Hy Hu] (y, u) = r` choose one: `(y, u) = T_e (c + e) + T_r r`,
+//! `[T_e T_r] = [M; Hy Hu]^-1`.
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, MatRef, Side};
@@ -24,8 +25,8 @@ use super::{Bounds, Penalty, Until, box_control};
 pub(super) const WHAT: &str = "a set point";
 /// Relative singular values below it are rounding.
 const RANK: f64 = 1e-10;
-/// Held outputs or inputs that move by less than this, in units of their ranges, while free outputs move by their own: these
-/// integrate.
+/// Held outputs or inputs that move by less than this, in units of their ranges, while free outputs move by their own:
+/// these integrate.
 const FLAT: f64 = 0.03;
 /// The weight of an output with a target and none in the cost, beside the largest.
 const SMALL: f64 = 1e-6;
@@ -43,7 +44,8 @@ pub struct SetPoints {
     /// `M` (p, p + m), and c.
     pub(super) m: Matrix,
     c: Matrix,
-    /// The state of the window per (y, u) at rest (n, p + m); what a slope of 1 per step takes off it, and off the next reading.
+    /// The state of the window per (y, u) at rest (n, p + m); what a slope of 1 per step takes off it, and off the next
+    /// reading.
     states: Matrix,
     ramp: Matrix,
     ahead: Matrix,
@@ -147,7 +149,8 @@ pub(super) fn listed(a: &Matrix) -> Result<Vec<f64>> {
     try_collect(WHAT, (0..a.nrows() * a.ncols()).map(|at| a[(at / a.ncols(), at % a.ncols())]))
 }
 
-/// The nearest point in the units of the signals, with the rows that hold it and what these are per target and apart from it.
+/// The nearest point in the units of the signals, with the rows that hold it and what these are per target and apart
+/// from it.
 struct Nearest {
     v: Matrix,
     rows: Matrix,
@@ -346,8 +349,8 @@ impl SetPoints {
         Ok(Nearest { v, rows, per_target, values: held })
     }
 
-    /// The point of rest with the least `(y - r)'Q (y - r)` within the limits of the inputs; among those that are as near the one
-    /// with the least inputs in their units, and an output that is free and integrates stays where it is.
+    /// The point of rest with the least `(y - r)'Q (y - r)` within the limits of the inputs; among those that are as
+    /// near the one with the least inputs in their units, and an output that is free and integrates stays where it is.
     ///
     /// As many outputs as inputs, or fewer, are held exactly. An active set of limits.
     ///
@@ -431,8 +434,8 @@ impl SetPoints {
         })
     }
 
-    /// The nearest point within the limits, and those that hold it: one limit more where one is broken, one less where the distance
-    /// falls away from it; where that goes round in a circle the best of all their sets.
+    /// The nearest point within the limits, and those that hold it: one limit more where one is broken, one less where
+    /// the distance falls away from it; where that goes round in a circle the best of all their sets.
     fn settled(&self, root: &Matrix, goal: &Goal, limits: &Within, active: &mut Vec<(usize, f64)>) -> Result<Nearest> {
         let (p, m) = self.sizes();
         let mut near = self.nearest(root, goal, active)?;
@@ -498,14 +501,15 @@ impl SetPoints {
 
     /// Where the windows of all systems of a region rest that keep the held rows of a set point, `e = 0`.
     ///
-    /// `Theta = H + D G W` with `||G|| <= 1`: with `a = W z_s`, `B = W N T_e D` and `||B|| < 1` they are `(y, u)_s + T_e D q` for
+    /// `Theta = H + D G W` with `||G|| <= 1`: with `a = W z_s`, `B = W N T_e D` and `||B|| < 1` they are
+    /// `(y, u)_s + T_e D q` for
     ///
     /// ```text
     /// (q - q_c)'(I - B'B)(q - q_c) <= ||a||^2 + a'B q_c,    q_c = (I - B'B)^-1 B'a
     /// ```
     ///
-    /// None where the region is of several parts, or does not determine the point, or `||B|| >= 1`: one of them may have no such
-    /// point of rest.
+    /// None where the region is of several parts, or does not determine the point, or `||B|| >= 1`: one of them may
+    /// have no such point of rest.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
@@ -550,8 +554,8 @@ impl SetPoints {
         })?
     }
 
-    /// The least f(u) within the limits, and the size of its terms: some system of one part of the region rests at `y = target`
-    /// under u iff `f(u) <= 0`; the largest of all parts; -inf where it is not known, or not convex.
+    /// The least f(u) within the limits, and the size of its terms: some system of one part of the region rests at
+    /// `y = target` under u iff `f(u) <= 0`; the largest of all parts; -inf where it is not known, or not convex.
     ///
     /// With `z = z_0 + z_1 u` and `H z - y = l_0 + l_1 u` the equation `(Theta - H) z = y - H z` has a solution
     /// `Theta = H + D G W`, `||G|| <= 1`, exactly where
@@ -646,9 +650,9 @@ impl SetPoints {
         Ok(Moved { x: zeros(self.window.states())?, place: zeros(p + m)?, slopes: zeros(p + m)?, bias: zeros(p)? })
     }
 
-    /// The state of the window and the input while the target is `step` away and moves by `slope` a step (p, 0 where free), given
-    /// inputs are `given` away (m), and a constant e acts: exact for the model on constants and ramps. Nothing is
-    /// allocated.
+    /// The state of the window and the input while the target is `step` away and moves by `slope` a step (p, 0 where
+    /// free), given inputs are `given` away (m), and a constant e acts: exact for the model on constants and ramps.
+    /// Nothing is allocated.
     ///
     /// `(y, u) = T_e (c + e + H Z s - y') + T_r r`, `x = X (y, u) + Z_x s` with `s = (y', u') = T_r r'`.
     ///

@@ -130,7 +130,8 @@ impl Solver {
     }
 }
 
-/// `[M state target; R^(1/2) 0 0] = Q [T S t; 0 S2 t2]`: `||M u - y||^2 + u'R u = ||T u - (t - S x)||^2 + ||t2 - S2 x||^2`.
+/// `[M state target; R^(1/2) 0 0] = Q [T S t; 0 S2 t2]`:
+/// `||M u - y||^2 + u'R u = ||T u - (t - S x)||^2 + ||t2 - S2 x||^2`.
 fn reduced(
     dense: &Dense,
     rows: usize,

@@ -44,8 +44,8 @@ pub(super) fn estimate_draws<'py>(
     array2(py, run(py, UNTIL_STOPPED, |stop| given.models(&key, size, threads, stop))?, size, width)
 }
 
-/// `||x(K) - xf||` of drawn models under `inputs` (K, m); of models of outputs, with a `window`, of the last outputs together;
-/// with a `gain` (m, states) of plans that are followed.
+/// `||x(K) - xf||` of drawn models under `inputs` (K, m); of models of outputs, with a `window`, of the last outputs
+/// together; with a `gain` (m, states) of plans that are followed.
 #[pyfunction]
 #[pyo3(signature = (law, x0, inputs, xf, noise, size, key, threads, window=None, gain=None))]
 #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]

@@ -100,8 +100,8 @@ getters! {
         let shape = (this.size(), this.lines());
         with_indices!(&**this.inner.indices(), indices => {
             let values = &indices[..shape.0 * shape.1];
-            // SAFETY: the values lie in the `Arc<Indices>` that `slf` owns. `slf` is the array's base object, so it lives
-            // as long; the class is frozen and nothing mutates or reallocates the indices; NumPy may not write.
+            // SAFETY: the values lie in the `Arc<Indices>` that `slf` owns. `slf` is the array's base object, so it
+            // lives as long; the class is frozen and nothing mutates or reallocates the indices; NumPy may not write.
             #[allow(unsafe_code, reason = "sharing the indices with NumPy without a copy")]
             let array = unsafe { over(values.as_ptr(), shape.into(), slf.clone().into_any(), false)? };
             Ok(array.into_any())

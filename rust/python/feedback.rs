@@ -92,8 +92,8 @@ impl PyFeedback {
         member.map(|theta| array2(py, try_copy(WHAT, theta)?, self.n, theta.len() / self.n)).transpose()
     }
 
-    /// R, for `Y = R R'` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; with a `slack` that of the least one for
-    /// larger sides.
+    /// R, for `Y = R R'` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; with a `slack` that of the least
+    /// one for larger sides.
     #[pyo3(signature = (x, alpha, lambda_, slack=None))]
     fn invariant<'py>(
         &self,
@@ -169,8 +169,9 @@ impl PyFeedback {
         Ok((found.certified, found.nominal))
     }
 
-    /// What the loop stands, certified and of the centre (4 m + 6, 2): for each input the least and largest gain, phase, disk; then
-    /// the disk of all, delay, varying delay, readings, bits, share. `recorder` is that of the controller, if it has one.
+    /// What the loop stands, certified and of the centre (4 m + 6, 2): for each input the least and largest gain,
+    /// phase, disk; then the disk of all, delay, varying delay, readings, bits, share. `recorder` is that of the
+    /// controller, if it has one.
     #[pyo3(signature = (recorder=None))]
     fn margins<'py>(&self, py: Python<'py>, recorder: Option<(Matrix<'py>, Matrix<'py>)>) -> PyResult<Array2<'py>> {
         let recorder = recorded(recorder.as_ref())?;
@@ -184,8 +185,8 @@ impl PyFeedback {
         array2(py, values, all.len(), 2)
     }
 
-    /// How far states and inputs are moved by the rounding of a computer from those of a loop that is at most `reach` and asks
-    /// for inputs that are `apart`; filters are (pole, outputs, count).
+    /// How far states and inputs are moved by the rounding of a computer from those of a loop that is at most `reach`
+    /// and asks for inputs that are `apart`; filters are (pole, outputs, count).
     fn rounded<'py>(
         &self,
         py: Python<'py>,
@@ -361,7 +362,8 @@ pub(super) fn loop_eigenvalues<'py>(
     complex(py, &feedback::eigenvalues(view("A", &a)?, view("B", &b)?, view("K", &k)?)?)
 }
 
-/// The largest state of a mode that does not decay and that no input is seen to move, and how it grows; of `p` rows by data.
+/// The largest state of a mode that does not decay and that no input is seen to move, and how it grows; of `p` rows by
+/// data.
 #[pyfunction]
 pub(super) fn unmoved(py: Python<'_>, region: &Bound<'_, PyRegion>, p: usize) -> PyResult<Option<(usize, f64)>> {
     let region = &region.get().0;

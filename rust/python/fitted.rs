@@ -72,7 +72,8 @@ getters! {
         array2(py, self.0.combinations()?, d - self.0.rank(), d)
     }
 
-    /// Rows without a residual, those that are tied to each other, and those of them without which the others are independent.
+    /// Rows without a residual, those that are tied to each other, and those of them without which the others are
+    /// independent.
     fn span(&self, tested: Vec<usize>) -> PyResult<(Vec<usize>, Vec<usize>, Vec<usize>)> {
         let found = self.0.span(&tested)?;
         Ok((found.zero, found.tied, found.last))

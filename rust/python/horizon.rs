@@ -60,8 +60,8 @@ getters! {
         array2(py, try_copy(WHAT, self.inner.r())?, m, m)
     }
 
-    /// The lower triangle of `H^-1` row by row, F (m K, n) and g (m K): the best inputs without limits are `F x0 + g`. Limited
-    /// states follow behind the inputs.
+    /// The lower triangle of `H^-1` row by row, F (m K, n) and g (m K): the best inputs without limits are `F x0 + g`.
+    /// Limited states follow behind the inputs.
     fn condensed<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array2<'py>, Array1<'py>)> {
         let n = self.inner.size().0;
         let Condensed { inverse, map, offset } = run(py, self.cost, |_| self.inner.condensed())?;
@@ -156,7 +156,8 @@ getters! {
         Ok((state, control, excess, missed))
     }
 
-    /// How far states in a tube around these (K, n) are from them in the norm of Q; `sure` is the state before one step.
+    /// How far states in a tube around these (K, n) are from them in the norm of Q; `sure` is the state before one
+    /// step.
     fn alpha(
         &self,
         py: Python<'_>,

@@ -67,10 +67,11 @@ getters! {
     }
 }
 
-/// A model from the log of `pairs` of n states and m inputs, which are the last ones of the runs `whole` if these are given.
-/// `about`: the least and largest delay; whether there is a 1, whether outputs are read, whether z is a window, whether its
-/// size was expected, whether the error has an exact law, and whether starts are declared to be independent of all noise.
-/// `simulated`: how many data sets the residuals are tested by, a key, and the most numbers that are drawn.
+/// A model from the log of `pairs` of n states and m inputs, which are the last ones of the runs `whole` if these are
+/// given. `about`: the least and largest delay; whether there is a 1, whether outputs are read, whether z is a window,
+/// whether its size was expected, whether the error has an exact law, and whether starts are declared to be independent
+/// of all noise. `simulated`: how many data sets the residuals are tested by, a key, and the most numbers that are
+/// drawn.
 #[pyfunction]
 #[pyo3(signature = (pairs, whole, sizes, past, about, known, tested, noise, threads, triangle=None, simulated=None))]
 #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]

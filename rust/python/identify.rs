@@ -42,8 +42,8 @@ pub(super) fn triangle_update<'py>(
     run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
 }
 
-/// p-values of five statistics of least squares of `rows` (N, d + n) by `draws` simulations, and how far off each is; None with
-/// too few pairs.
+/// p-values of five statistics of least squares of `rows` (N, d + n) by `draws` simulations, and how far off each is;
+/// None with too few pairs.
 #[pyfunction]
 pub(super) fn residual_checks<'py>(
     py: Python<'py>,

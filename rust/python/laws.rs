@@ -102,7 +102,8 @@ pub(super) fn covariance_root<'py>(
     array2(py, run(py, (covariance.len() * n) as f64, |_| identify::covariance_root(covariance, n))?, n, n)
 }
 
-/// Where data t (p,) lie from models (M, p) mixed by weights (M,): the mixture, and the numbers of the `Hull` of a `FusedModel`.
+/// Where data t (p,) lie from models (M, p) mixed by weights (M,): the mixture, and the numbers of the `Hull` of a
+/// `FusedModel`.
 #[pyfunction]
 #[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
 pub(super) fn hull_position<'py>(

@@ -55,8 +55,8 @@ fn handed<'py>(py: Python<'py>, tube: OutputTube) -> PyResult<Radii<'py>> {
     Ok((array1(py, tube.radii)?, array2(py, tube.components, rows, cols)?))
 }
 
-/// Windows and outputs along a plan whose inputs may be off by `apart`, the tube of the mean, and that of readings for noise of
-/// `(covariance, probability)`.
+/// Windows and outputs along a plan whose inputs may be off by `apart`, the tube of the mean, and that of readings for
+/// noise of `(covariance, probability)`.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn output_tube<'py>(

@@ -115,7 +115,8 @@ impl PyPilot {
         Ok(PyReference(Reference::new(&self.pilot, slice("x0", &x0)?, slice("inputs", &inputs)?)?))
     }
 
-    /// Bounds of the model and of noise (K + 1, p) of a plan that is followed, beside that of the pilot; None if it is too large.
+    /// Bounds of the model and of noise (K + 1, p) of a plan that is followed, beside that of the pilot; None if it is
+    /// too large.
     fn followed<'py>(
         &self,
         py: Python<'py>,

@@ -19,8 +19,8 @@ type Row<'py> = Bound<'py, PyArray1<f64>>;
 /// What a bias adds to the inputs that hold the set point (m, p), these inputs, and their limits low and high.
 type Aimed<'py> = (Matrix<'py>, Vector<'py>, Vector<'py>, Vector<'py>);
 type Made<'py> = Bound<'py, PyArray2<f64>>;
-/// What was predicted, the bias, how far off, whether believed, what follows ("lost", "waits" or "runs"), x, and whether all
-/// was read.
+/// What was predicted, the bias, how far off, whether believed, what follows ("lost", "waits" or "runs"), x, and
+/// whether all was read.
 type Found<'py> = (Option<Row<'py>>, Row<'py>, f64, bool, &'static str, Row<'py>, bool);
 /// x, whether it is known, excess, complete readings in a row, calls, readings of each output, and whether it is stuck.
 type Now<'py> = (Row<'py>, bool, f64, usize, usize, Vec<usize>, bool);
@@ -79,9 +79,9 @@ pub(super) struct PyReadings {
 
 #[pymethods]
 impl PyReadings {
-    /// Of a model `theta` with the covariance of its noise; `signals`: the mean of the outputs, the range and deviation of
-    /// outputs and inputs, and above which no output can have been measured; `bias`: its gain, what is not known of it, and
-    /// the noise; `aim`: see [`Self::aim`].
+    /// Of a model `theta` with the covariance of its noise; `signals`: the mean of the outputs, the range and deviation
+    /// of outputs and inputs, and above which no output can have been measured; `bias`: its gain, what is not known of
+    /// it, and the noise; `aim`: see [`Self::aim`].
     #[new]
     #[expect(clippy::too_many_arguments, reason = "what a loop from readings is made of")]
     fn new(
@@ -160,7 +160,8 @@ impl PyReadings {
         now.map(handed).transpose()
     }
 
-    /// The window, those with all that was rejected and with all but the first, and how much doubt there is of the window.
+    /// The window, those with all that was rejected and with all but the first, and how much doubt there is of the
+    /// window.
     fn state<'py>(&self, py: Python<'py>) -> PyResult<([Option<Row<'py>>; 3], Row<'py>)> {
         let ([now, raw, late], doubt) = self.inner.with(py, 0.0, |inner, _| {
             let (windows, doubt) = inner.state()?;

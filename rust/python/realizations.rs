@@ -21,8 +21,8 @@ pub(super) fn dense<'a>(array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Dense<
     Ok(Dense::new(slice("samples", array)?, size, dim)?)
 }
 
-/// [`dense`] without a check for NaN and infinity, which `_base/validation.py` has made: reading the entries is most of the
-/// time here.
+/// [`dense`] without a check for NaN and infinity, which `_base/validation.py` has made: reading the entries is most of
+/// the time here.
 fn finite_dense<'a>(array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Dense<'a>> {
     let (size, dim) = array.as_array().dim();
     Ok(Dense::of_finite(slice("samples", array)?, size, dim)?)

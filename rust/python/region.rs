@@ -273,7 +273,8 @@ getters! {
 
 /// A region, the inputs in its form, noise to come, and whether it compares with the best control.
 type GivenWay<'py> = (Bound<'py, PyRegion>, Matrix<'py>, Option<Noise<'py>>, bool);
-/// `(best, (target, reach, model_error, start), components, tube, bands, control, why)`; `why` no bound of the control is known.
+/// `(best, (target, reach, model_error, start), components, tube, bands, control, why)`; `why` no bound of the control
+/// is known.
 type Found<'py> = (
     usize,
     (f64, f64, f64, f64),

@@ -46,8 +46,8 @@ impl PySetPoints {
         array2(py, self.0.of_inputs()?, p, m)
     }
 
-    /// The nearest one to a target; nan where an output is free, which stays at `now` if it integrates, and where an input is
-    /// chosen.
+    /// The nearest one to a target; nan where an output is free, which stays at `now` if it integrates, and where an
+    /// input is chosen.
     fn at(
         &self,
         py: Python<'_>,
@@ -69,7 +69,8 @@ impl PySetPoints {
         Ok(PySetPoint { points: Arc::clone(&self.0), point })
     }
 
-    /// `(f*, size)` of all targets given: no system of the region rests there within the limits if `f* > 0`; -inf: not known.
+    /// `(f*, size)` of all targets given: no system of the region rests there within the limits if `f* > 0`; -inf: not
+    /// known.
     fn lacking(
         &self,
         py: Python<'_>,
@@ -82,7 +83,8 @@ impl PySetPoints {
         run(py, 1e6, |stop| self.0.lacking(region, target, low, high, stop))
     }
 
-    /// What explains a `bias` of the mean of so many `calls`, learned with `gain`, at rest at (y, u); None: nothing to explain.
+    /// What explains a `bias` of the mean of so many `calls`, learned with `gain`, at rest at (y, u); None: nothing to
+    /// explain.
     fn causes(
         &self,
         py: Python<'_>,
@@ -147,7 +149,8 @@ getters! {
         found.map(|found| Ok((array1(py, found.shift)?, array1(py, found.half)?, found.norm))).transpose()
     }
 
-    /// State and input while the target is `step` away and moves by `slope` a step, and inputs are `given` away, with a `bias`.
+    /// State and input while the target is `step` away and moves by `slope` a step, and inputs are `given` away, with a
+    /// `bias`.
     fn moving<'py>(
         &self,
         py: Python<'py>,
@@ -163,7 +166,8 @@ getters! {
         Ok((array1(py, to.x)?, array1(py, inputs)?))
     }
 
-    /// The input of a `law`, of its gain, what is added, rate, low and high, about the point as it moves; None: it overflows.
+    /// The input of a `law`, of its gain, what is added, rate, low and high, about the point as it moves; None: it
+    /// overflows.
     fn input<'py>(
         &self,
         py: Python<'py>,

@@ -108,7 +108,8 @@ pub(super) fn simulate_runs<'py>(
     moments(py, ensemble, model.n())
 }
 
-/// Moments of the runs of given systems from `x0` (1, n) or (N, n): transposed, `a` (N, n n) and `b` (N, m n); `c` (N, n).
+/// Moments of the runs of given systems from `x0` (1, n) or (N, n): transposed, `a` (N, n n) and `b` (N, m n); `c` (N,
+/// n).
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn simulate_systems<'py>(
@@ -138,8 +139,8 @@ pub(super) fn simulate_systems<'py>(
     moments(py, ensemble, n)
 }
 
-/// `(states (runs (K + 1), n), inputs (runs K, m), optimal)` of `runs` runs after a reference; `factors` are `(U^T, V^T, s)`
-/// of `B`. Zeros follow the first state of a run whose squared error is not finite.
+/// `(states (runs (K + 1), n), inputs (runs K, m), optimal)` of `runs` runs after a reference; `factors` are
+/// `(U^T, V^T, s)` of `B`. Zeros follow the first state of a run whose squared error is not finite.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn track<'py>(

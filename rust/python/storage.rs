@@ -19,7 +19,8 @@ use crate::storage::{self, Container, Lock, Section, Values};
 const PER_BYTE: f64 = 20.0;
 
 const SECTIONS: &str = "the sections";
-/// Most bytes that `rust-numpy` takes to note a borrowed array: an entry of each of two tables, which double, and its key.
+/// Most bytes that `rust-numpy` takes to note a borrowed array: an entry of each of two tables, which double, and its
+/// key.
 const PER_BORROW: u128 = 1024;
 
 /// An array that can be a section.
@@ -87,7 +88,8 @@ impl StateLock {
     }
 }
 
-/// Saves `sections` as the next generation of the state file at `path`; returns its number. `held`: a lock on that file.
+/// Saves `sections` as the next generation of the state file at `path`; returns its number. `held`: a lock on that
+/// file.
 #[pyfunction]
 #[pyo3(signature = (path, kind, sections, held=None))]
 pub(super) fn storage_save(

@@ -46,7 +46,8 @@ pub(super) fn validation_runs<'py>(
     found(py, run(py, cost, |stop| given.runs(states, threads, stop))?)
 }
 
-/// The scores of systems that run once each: transposed, `a` (N, n n) and `b` (N, m n); `c` (N, n), `x0` (1, n) or (N, n).
+/// The scores of systems that run once each: transposed, `a` (N, n n) and `b` (N, m n); `c` (N, n), `x0` (1, n) or (N,
+/// n).
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn validation_systems<'py>(

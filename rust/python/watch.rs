@@ -29,8 +29,8 @@ pub(super) struct PyWatch(Shared<Watch>);
 
 #[pymethods]
 impl PyWatch {
-    /// `law`: of the noise, and whether the plant may move; `promise`: steps between false alarms if at least 1, else the
-    /// probability of one; `gains`: columns of inputs.
+    /// `law`: of the noise, and whether the plant may move; `promise`: steps between false alarms if at least 1, else
+    /// the probability of one; `gains`: columns of inputs.
     #[new]
     fn new(
         region: &Bound<'_, PyRegion>,

@@ -48,8 +48,8 @@ fn listed(a: &Mat<f64>) -> Result<Vec<f64>> {
 }
 
 impl Region {
-    /// The region of `[A B c]`: `{matrix + G Delta J}` for the `Delta` of this one, which must be of one part of all rows and
-    /// columns.
+    /// The region of `[A B c]`: `{matrix + G Delta J}` for the `Delta` of this one, which must be of one part of all
+    /// rows and columns.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`] for a J whose rows are not independent, [`Error::Memory`].

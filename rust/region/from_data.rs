@@ -15,8 +15,8 @@ use super::models::Region;
 use super::part::{Part, WHAT};
 
 impl Region {
-    /// The models that contain the true one with probability `1 - wish.delta`, around the `estimate`; the `units` of states,
-    /// inputs (and 1) count where no exact law holds.
+    /// The models that contain the true one with probability `1 - wish.delta`, around the `estimate`; the `units` of
+    /// states, inputs (and 1) count where no exact law holds.
     ///
     /// # Errors
     /// [`Error::Value`] for a `delta` outside (0, 1), or directions or noise to come where no exact law holds;

@@ -47,9 +47,9 @@ impl CoordinateNoise {
     }
 }
 
-/// Where t, least squares in `p` coordinates, lies: at distances `off^(1/2)` of the affine hull and `distance^(1/2)` of the
-/// nearest mixture, with `along` between the two nearest points; `k` and `face` are the dimensions of the affine hull and of the
-/// face of the mixture.
+/// Where t, least squares in `p` coordinates, lies: at distances `off^(1/2)` of the affine hull and `distance^(1/2)` of
+/// the nearest mixture, with `along` between the two nearest points; `k` and `face` are the dimensions of the affine
+/// hull and of the face of the mixture.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
     /// `||t - mixture||^2`
@@ -128,8 +128,8 @@ fn span<'a>(mut models: impl Iterator<Item = &'a [f64]>, size: f64, p: usize) ->
     Ok(basis)
 }
 
-/// The radius around `point + share away`, `away` (rows, columns) from there to t, of a Theta within `b` of t and `a` of
-/// `point`, in the spectral or the Frobenius norm.
+/// The radius around `point + share away`, `away` (rows, columns) from there to t, of a Theta within `b` of t and `a`
+/// of `point`, in the spectral or the Frobenius norm.
 ///
 /// With X, Y the differences of Theta from `point` and t, that from the point between is, squared,
 /// `(1 - s) X X' + s Y Y' - s (1 - s) away away'`; or, in the spectral norm, the triangle inequality.
@@ -160,11 +160,12 @@ impl Place {
     /// With `q = p - face`, `c = sigma^2 min(1.5 (q - 2), chi^2_{q; DOUBT})`. While the mixture stays in its face, t is
     /// shrunk along the normal cone of that face, of dimension q, and Stein's identity has no boundary terms there: the
     /// unbiased estimate of the risk minus that of least squares is `sigma^2 (distance / sigma^2 - 2 q)` below c and
-    /// `c (c - 2 sigma^2 (q - 2)) / distance` beyond, both <= 0 (James and Stein 1961; Bock 1982). So no Theta has a larger
-    /// mean-square error than with least squares. The quantile lets the data in only where they contradict the models; 1.5
-    /// keeps three quarters of what the best constant, 1, gains far from the hull. sigma unknown: `1.5 (q - 2) / (degrees + 2)`
-    /// and the quantile of F, times tr S (Baranchik 1970); without degrees nothing is known of the noise, and 0. For a
-    /// variance of each row the same in units of the estimates, as a rule without that property.
+    /// `c (c - 2 sigma^2 (q - 2)) / distance` beyond, both <= 0 (James and Stein 1961; Bock 1982). So no Theta has a
+    /// larger mean-square error than with least squares. The quantile lets the data in only where they contradict the
+    /// models; 1.5 keeps three quarters of what the best constant, 1, gains far from the hull. sigma unknown:
+    /// `1.5 (q - 2) / (degrees + 2)` and the quantile of F, times tr S (Baranchik 1970); without degrees nothing is
+    /// known of the noise, and 0. For a variance of each row the same in units of the estimates, as a rule without that
+    /// property.
     ///
     /// # Errors
     /// As [`chi2_upper`].
@@ -188,11 +189,12 @@ impl Place {
         Ok((1.0 - c / self.distance).max(0.0))
     }
 
-    /// Whether an affine mixture is compatible with the data: test of `off` at level 0.01. None where there is no direction
-    /// off the hull, or nothing is known of the noise.
+    /// Whether an affine mixture is compatible with the data: test of `off` at level 0.01. None where there is no
+    /// direction off the hull, or nothing is known of the noise.
     ///
-    /// Of a mixture the error of row i, squared, over its estimated variance is `rank F_{rank, degrees}` whatever the covariance
-    /// of the rows is, and `off` is at most the sum: none of the rows is beyond the quantile of `DOUBT / count`.
+    /// Of a mixture the error of row i, squared, over its estimated variance is `rank F_{rank, degrees}` whatever the
+    /// covariance of the rows is, and `off` is at most the sum: none of the rows is beyond the quantile of
+    /// `DOUBT / count`.
     ///
     /// # Errors
     /// As [`chi2_upper`].
@@ -216,10 +218,10 @@ impl Place {
 
     /// A bound on `||(F - Theta) V^(1/2)||_F^2` for the mixture F, from the data alone.
     ///
-    /// `off / sigma^2` is noncentral chi^2_{p-k} with the squared distance of Theta to the affine hull, independent of the
-    /// part along it: `sigma^2 L + (along + sigma chi_k)^2`, L the upper limit of the noncentrality (after Baraud 2004). sigma
-    /// unknown: the largest value over its interval from tr S, by cells that are bounded by both their ends and halved where
-    /// it matters. `extra`: independent variates of the same noise that are to be covered too;
+    /// `off / sigma^2` is noncentral chi^2_{p-k} with the squared distance of Theta to the affine hull, independent of
+    /// the part along it: `sigma^2 L + (along + sigma chi_k)^2`, L the upper limit of the noncentrality (after Baraud
+    /// 2004). sigma unknown: the largest value over its interval from tr S, by cells that are bounded by both their
+    /// ends and halved where it matters. `extra`: independent variates of the same noise that are to be covered too;
     /// `(a + x)^2 + y^2 <= (a + (x^2 + y^2)^(1/2))^2`. Infinite where the rows have variances of their own.
     ///
     /// # Errors
@@ -264,8 +266,8 @@ impl Place {
 
 /// Upper limit of the noncentrality of chi^2 from one value x, with confidence `1 - delta`.
 ///
-/// For large x, `(x^(1/2) + z)^2` with the normal quantile z, since chi^2 is at least `(L^(1/2) + g)^2` for a standard normal g:
-/// larger by less than the degrees, and quick.
+/// For large x, `(x^(1/2) + z)^2` with the normal quantile z, since chi^2 is at least `(L^(1/2) + g)^2` for a standard
+/// normal g: larger by less than the degrees, and quick.
 fn limit(x: f64, degrees: f64, delta: f64) -> Result<f64> {
     if x <= LARGE * (1.0 + degrees / 100.0) {
         return noncentrality_limit(x, degrees, delta);

@@ -147,8 +147,8 @@ impl Region {
         Err(Error::Shape { name: "z", expected: format!("{} entries", self.d), found })
     }
 
-    /// `||(Theta - C) z||` is at most this, for all z at once; with `noise` that of one step to come as well, which is one
-    /// more coordinate of length 1.
+    /// `||(Theta - C) z||` is at most this, for all z at once; with `noise` that of one step to come as well, which is
+    /// one more coordinate of length 1.
     ///
     /// # Errors
     /// [`Error::Shape`].

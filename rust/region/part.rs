@@ -69,8 +69,8 @@ pub(super) fn directions(missing: &[f64], entries: usize) -> Option<MatrixView<'
 
 impl Part {
     /// # Errors
-    /// [`Error::Shape`], [`Error::Value`] for a factor that is no number >= 0, [`Error::Overflow`] for a shape that is not
-    /// finite, [`Error::Memory`].
+    /// [`Error::Shape`], [`Error::Value`] for a factor that is no number >= 0, [`Error::Overflow`] for a shape that is
+    /// not finite, [`Error::Memory`].
     pub fn new(of: PartOf<'_>) -> Result<Self> {
         let (n, d) = (of.rows.len(), of.columns.len());
         let shape = of.shape.sized("S", n, n)?;
@@ -102,9 +102,9 @@ impl Part {
 
     /// The part around least squares, widened by its rounding.
     ///
-    /// With rows wrong by r, in the data and in D, `||l' D V^(1/2)||` is at most `sqrt(factor) (||l' E|| + |l|' r) + |l|' r`,
-    /// and `(|l|' r)^2 <= n l' diag(r^2) l`. The factor `WIDER` takes the product of both terms, up to `2 / WIDER^2` of the
-    /// first one.
+    /// With rows wrong by r, in the data and in D, `||l' D V^(1/2)||` is at most
+    /// `sqrt(factor) (||l' E|| + |l|' r) + |l|' r`, and `(|l|' r)^2 <= n l' diag(r^2) l`. The factor `WIDER` takes the
+    /// product of both terms, up to `2 / WIDER^2` of the first one.
     ///
     /// # Errors
     /// As [`Part::new`].
@@ -158,7 +158,8 @@ impl Part {
         self.white.len().checked_div(self.columns.len()).unwrap_or(0)
     }
 
-    /// `||z||` in the norm of `V^+`, infinite where the data do not determine `Theta z`; of the entries `columns` of `z`.
+    /// `||z||` in the norm of `V^+`, infinite where the data do not determine `Theta z`; of the entries `columns` of
+    /// `z`.
     ///
     /// Each missing direction is judged against the size of what is added up in it. Rounding turns these directions by
     /// `eps / ratio` (Wedin 1972). Where that is more than half of the digits, only a z that fits them as well as at

@@ -1,8 +1,8 @@
 //! The projection of a region on the plane of two coefficients.
 //!
 //! A part is `Theta - C = sqrt(factor) S^(1/2) W V^(-1/2)` with `||W|| <= 1`. In the direction
-//! `G = cos(t) e_i e_j' + sin(t) e_k e_l'` it reaches as far as `sqrt(factor) ||S^(1/2) G V^(-1/2)||_*`, the dual of the
-//! spectral norm. `G` has rank two, hence `||.||_*^2 = trace + 2 sqrt(det)` of a 2 by 2 matrix.
+//! `G = cos(t) e_i e_j' + sin(t) e_k e_l'` it reaches as far as `sqrt(factor) ||S^(1/2) G V^(-1/2)||_*`, the dual of
+//! the spectral norm. `G` has rank two, hence `||.||_*^2 = trace + 2 sqrt(det)` of a 2 by 2 matrix.
 
 use std::f64::consts::PI;
 
@@ -16,8 +16,8 @@ use super::part::{Part, WHAT, times};
 pub const DIRECTIONS: usize = 720;
 
 impl Region {
-    /// Corners ([`DIRECTIONS`], 2) around the projection of `Theta - C` on two entries (row, column); `None` if an entry is
-    /// known or the projection is not bounded. The polygon is made of tangents, so it contains the projection.
+    /// Corners ([`DIRECTIONS`], 2) around the projection of `Theta - C` on two entries (row, column); `None` if an
+    /// entry is known or the projection is not bounded. The polygon is made of tangents, so it contains the projection.
     ///
     /// # Errors
     /// [`crate::Error::Memory`].

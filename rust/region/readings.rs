@@ -1,4 +1,5 @@
-//! A loop from readings, step by step: which of them are taken for true, what is known of the window, and of a disturbance.
+//! A loop from readings, step by step: which of them are taken for true, what is known of the window, and of a
+//! disturbance.
 
 use std::sync::Arc;
 
@@ -19,7 +20,8 @@ use super::{Part, Region};
 mod tables;
 
 const WHAT: &str = "a loop from readings";
-/// Rejected readings in a row, or alike with few others between them, behind which the next rejected one is taken for true.
+/// Rejected readings in a row, or alike with few others between them, behind which the next rejected one is taken for
+/// true.
 const BELIEVED: f64 = 3.0;
 /// So many accepted readings take one off the number of those that were alike.
 const FORGOTTEN: f64 = 3.0;
@@ -38,9 +40,9 @@ const EVERY: f64 = 0.01;
 /// ||T (y - p)|| > q + ||T D|| ||W z||,    T = (Sb + P)^(-1/2),    q^2 an upper quantile of chi2
 /// ```
 ///
-/// `y - C z = D G W z + w` with `||G|| <= 1` for all systems of the region, and `||T w|| <= ||Sigma^(-1/2) w||` as `Sb >= Sigma`.
-/// So a true reading behind a window of true ones is rejected with at most the probability of the quantile in the event of the
-/// region, whatever was planned; P is what an uncertain window adds.
+/// `y - C z = D G W z + w` with `||G|| <= 1` for all systems of the region, and `||T w|| <= ||Sigma^(-1/2) w||` as
+/// `Sb >= Sigma`. So a true reading behind a window of true ones is rejected with at most the probability of the
+/// quantile in the event of the region, whatever was planned; P is what an uncertain window adds.
 #[derive(Debug, Clone)]
 pub struct Gate {
     centre: Vec<f64>,
@@ -134,8 +136,8 @@ impl Gate {
         })?
     }
 
-    /// `(||T off|| - ||T D|| ||W z||) / q` of the components `seen`; above 1 it rejects. Of the system of the model alone: `||T
-    /// off|| / q`.
+    /// `(||T off|| - ||T D|| ||W z||) / q` of the components `seen`; above 1 it rejects. Of the system of the model
+    /// alone: `||T off|| / q`.
     fn excess(
         &self,
         off: &[f64],
@@ -173,7 +175,8 @@ impl Gate {
     }
 }
 
-/// A constant e in `y+ = Theta z + e`, and what is learned of it from what was not predicted: `e+ = e + L (y - Theta z - e)`.
+/// A constant e in `y+ = Theta z + e`, and what is learned of it from what was not predicted:
+/// `e+ = e + L (y - Theta z - e)`.
 #[derive(Debug)]
 pub struct Bias {
     /// L (p, p); 0 where none is learned.
@@ -194,11 +197,12 @@ pub struct Aim {
 }
 
 impl Bias {
-    /// The steady Kalman gain for random walks of steps `Q = B diag(drift^2) B' + EVERY^2 Sigma`, `B` (p, m) what inputs add to the
-    /// next reading.
+    /// The steady Kalman gain for random walks of steps `Q = B diag(drift^2) B' + EVERY^2 Sigma`, `B` (p, m) what
+    /// inputs add to the next reading.
     ///
-    /// In units in which `Sigma = I` and `Q = U diag(q) U'`: `p = (q + sqrt(q^2 + 4 q)) / 2`, `L = U diag(p / (p + 1)) U'`,
-    /// `P = U diag(p) U'`. As L is invertible, a loop at rest holds its set point whatever constants act.
+    /// In units in which `Sigma = I` and `Q = U diag(q) U'`: `p = (q + sqrt(q^2 + 4 q)) / 2`,
+    /// `L = U diag(p / (p + 1)) U'`, `P = U diag(p) U'`. As L is invertible, a loop at rest holds its set point
+    /// whatever constants act.
     ///
     /// # Errors
     /// [`Error::Numerical`] for a Sigma that is not positive definite, [`Error::Memory`].
@@ -299,8 +303,8 @@ impl Room {
     }
 }
 
-/// Whether what is rejected is a change of the plant: a constant force can bring every second or third reading back to what is
-/// predicted, so that none of the others come in a row, but they are off by the same.
+/// Whether what is rejected is a change of the plant: a constant force can bring every second or third reading back to
+/// what is predicted, so that none of the others come in a row, but they are off by the same.
 #[derive(Debug)]
 struct Doubt {
     /// Rejected in a row.
@@ -387,8 +391,8 @@ impl Readings {
     }
 
     /// The bias nearest to this one, in the metric of the noise, that inputs within the limits hold the set point with:
-    /// `e + Sigma T'(T Sigma T')^-1 (limit - us - T e)` over the rows T of `T_e` of the inputs that are beyond. Where that is more
-    /// than can be met, as of two inputs for one output, the largest share of it that all limits allow.
+    /// `e + Sigma T'(T Sigma T')^-1 (limit - us - T e)` over the rows T of `T_e` of the inputs that are beyond. Where
+    /// that is more than can be met, as of two inputs for one output, the largest share of it that all limits allow.
     fn capped(&mut self) {
         let Room { white: White { small, .. }, asked, held, lacking, square, .. } = &mut self.room;
         let (aim, bias) = (&self.aim, &mut self.step.bias);
@@ -455,8 +459,8 @@ impl Readings {
         Some(&self.windows[k]).filter(|window| window.began())
     }
 
-    /// The window, those with all that was rejected and with all but the first, and the doubt of the window: how many were
-    /// rejected in a row, how many were alike, and what the last was off by.
+    /// The window, those with all that was rejected and with all but the first, and the doubt of the window: how many
+    /// were rejected in a row, how many were alike, and what the last was off by.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -503,7 +507,8 @@ impl Readings {
         self.doubt.clear();
     }
 
-    /// How far off a reading is, in widths of the gate, with the bias or without it; of the system of the model `alone`, or of all.
+    /// How far off a reading is, in widths of the gate, with the bias or without it; of the system of the model
+    /// `alone`, or of all.
     fn off(&mut self, k: usize, y: &[f64], shift: &[f64], alone: bool) -> f64 {
         let Self { filter, gate, of, windows, room: Room { white, seen, z, off, .. }, .. } = self;
         let Some(gate) = gate.as_ref().filter(|_| seen.contains(&true)) else { return 0.0 };
@@ -544,9 +549,9 @@ impl Readings {
         }
     }
 
-    /// Take readings in, those with `seen` that are numbers, or what is predicted in their place, with the input that acted, the
-    /// bias that was found last, and whether the loop has run. No call allocates, but for the first one on a thread,
-    /// where `faer` asks for its buffers; after an error, all is as before.
+    /// Take readings in, those with `seen` that are numbers, or what is predicted in their place, with the input that
+    /// acted, the bias that was found last, and whether the loop has run. No call allocates, but for the first one on a
+    /// thread, where `faer` asks for its buffers; after an error, all is as before.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`] for the input or the bias, [`Error::Memory`].

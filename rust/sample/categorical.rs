@@ -2,8 +2,8 @@
 //!
 //! Walker's alias method with Vose's construction on `2^k >= n` cells. The mass of a component is an integer out of
 //! `T = 2^k 2^32`, so the construction has no rounding, a zero component has mass zero and can never come out, and the
-//! distribution is known exactly: it differs from `|w| / ||w||_1` by at most `1/T` per component plus the rounding of the
-//! cumulative sums.
+//! distribution is known exactly: it differs from `|w| / ||w||_1` by at most `1/T` per component plus the rounding of
+//! the cumulative sums.
 
 use super::singletons::Index;
 use crate::error::Result;

@@ -1,7 +1,7 @@
 //! Counts without realizations, for uniform averages.
 //!
-//! The counts of `N` independent draws of a line are multinomial; conditional binomials give them in `O(length)` for any
-//! `N`. Equal in distribution to the counts of a sample, not equal draw by draw.
+//! The counts of `N` independent draws of a line are multinomial; conditional binomials give them in `O(length)` for
+//! any `N`. Equal in distribution to the counts of a sample, not equal draw by draw.
 
 use rand::Rng;
 use rand::distr::Distribution;
@@ -128,8 +128,8 @@ mod tests {
         }
     }
 
-    /// `N q` hits are expected where `1 - q` rounds to one: a sum of 2000 counts is normal, `|z| < 5.6` (false alarm 2e-8).
-    /// With `1 - p` in place of `q` there are none, or twice as many.
+    /// `N q` hits are expected where `1 - q` rounds to one: a sum of 2000 counts is normal, `|z| < 5.6` (false alarm
+    /// 2e-8). With `1 - p` in place of `q` there are none, or twice as many.
     #[test]
     fn an_entry_too_small_to_change_the_sum_has_its_probability() {
         for (values, q, at) in [

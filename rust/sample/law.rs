@@ -21,7 +21,8 @@ impl Law {
     /// The law whose realizations have mean `values` (`lines * length` entries, line by line).
     ///
     /// # Errors
-    /// [`Error::Shape`] if the length does not fit, [`Error::NonFinite`] for NaN, infinities, or a 1-norm that overflows.
+    /// [`Error::Shape`] if the length does not fit, [`Error::NonFinite`] for NaN, infinities, or a 1-norm that
+    /// overflows.
     pub fn new(values: Vec<f64>, lines: usize, length: usize) -> Result<Self> {
         if lines == 0 || length == 0 || length > MAX_LENGTH || checked_len("a law", lines, length)? != values.len() {
             return Err(Error::Shape {

@@ -1,8 +1,8 @@
 //! Realizations of vectors and matrices, drawn and stored as indices (paper, Lemma 4.1).
 //!
 //! A [`Law`] is a set of independent *lines* (one for a vector, one per column or row of a matrix). A realization picks
-//! one index per line, with probability `p_i = |w_i| / g`, `g = ||w||_1`, and has the single value `g sign(w_i)` there, so
-//! that its mean is `w`. [`Singletons`] holds `N` realizations as `N x lines` indices of one, two or four bytes.
+//! one index per line, with probability `p_i = |w_i| / g`, `g = ||w||_1`, and has the single value `g sign(w_i)` there,
+//! so that its mean is `w`. [`Singletons`] holds `N` realizations as `N x lines` indices of one, two or four bytes.
 
 mod categorical;
 mod counts;

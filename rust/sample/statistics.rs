@@ -1,9 +1,9 @@
 //! Tests of the sampler's distribution, and tests that wrong samplers fail them.
 //!
 //! Chi-square on `10^6` draws with fixed keys. Critical value: the Wilson-Hilferty quantile at false-alarm probability
-//! `1e-8` per test (z = 5.61); the 15 cases together raise a false alarm with probability below `2e-7`, once per change of
-//! the stream, since keys are fixed. At n = 10, 100, 1000 a root-mean-square relative bias of 1.0, 1.4, 2.1 % is detected
-//! with probability 0.999.
+//! `1e-8` per test (z = 5.61); the 15 cases together raise a false alarm with probability below `2e-7`, once per change
+//! of the stream, since keys are fixed. At n = 10, 100, 1000 a root-mean-square relative bias of 1.0, 1.4, 2.1 % is
+//! detected with probability 0.999.
 
 use super::categorical::AliasTable;
 use crate::stream::{CHUNK, Key};

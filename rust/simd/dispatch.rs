@@ -1,7 +1,7 @@
 //! Portable code with the widest registers that the processor has.
 
-/// Work whose `run` is `#[inline(always)]`, with all that it calls: then it is compiled once for each width. A closure in
-/// its place would be compiled once, for the narrowest.
+/// Work whose `run` is `#[inline(always)]`, with all that it calls: then it is compiled once for each width. A closure
+/// in its place would be compiled once, for the narrowest.
 pub(crate) trait Work {
     /// What it returns.
     type Out;
@@ -36,7 +36,8 @@ pub(crate) fn widest<W: Work>(work: W) -> W::Out {
     work.run()
 }
 
-/// The registers that are chosen here and by the other kernels: what the processor has of `avx2` and `avx512f`, else `portable`.
+/// The registers that are chosen here and by the other kernels: what the processor has of `avx2` and `avx512f`, else
+/// `portable`.
 #[cfg_attr(not(feature = "python"), allow(dead_code, reason = "the package reports it"))]
 pub(crate) fn registers() -> &'static str {
     #[cfg(target_arch = "x86_64")]

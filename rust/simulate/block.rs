@@ -1,11 +1,11 @@
 //! Thirty-two runs that are simulated together, and the order of their random words.
 //!
 //! The order of the words is part of the stream's definition. A block starts with one word per run if `x0` is drawn.
-//! At step `k` it takes, if `A` is drawn, one word for every run `s` and state `j` with `x_j^s(k) != 0` and a column that
-//! is not zero; then, if `B` is drawn, one for every input `j` with `u_j(k) != 0` and a column that is not zero, and
-//! every run. Columns are the outer loop, runs the inner one, except that singletons - an `x0` that is drawn or has one
-//! nonzero, up to the first `u(k) != 0` - are taken run by run: they cost one draw, and finding them by columns would cost
-//! `n`.
+//! At step `k` it takes, if `A` is drawn, one word for every run `s` and state `j` with `x_j^s(k) != 0` and a column
+//! that is not zero; then, if `B` is drawn, one for every input `j` with `u_j(k) != 0` and a column that is not zero,
+//! and every run. Columns are the outer loop, runs the inner one, except that singletons - an `x0` that is drawn or has
+//! one nonzero, up to the first `u(k) != 0` - are taken run by run: they cost one draw, and finding them by columns
+//! would cost `n`.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};

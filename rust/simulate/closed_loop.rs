@@ -32,7 +32,8 @@ pub struct ClosedLoop<'a> {
     pub x0: &'a [f64],
     /// `r(0), ..., r(K)`, n entries each.
     pub reference: &'a [f64],
-    /// `U^T` of `B = U diag(s) V^T`, vector by vector, as `basis` of a [`Pseudoinverse`](crate::control::Pseudoinverse).
+    /// `U^T` of `B = U diag(s) V^T`, vector by vector, as `basis` of a
+    /// [`Pseudoinverse`](crate::control::Pseudoinverse).
     pub basis: &'a [f64],
     /// `V^T`, as its `right`.
     pub right: &'a [f64],

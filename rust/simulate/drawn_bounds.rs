@@ -29,8 +29,8 @@ pub fn exceedances(runs: usize, delta: f64) -> Option<usize> {
     found
 }
 
-/// Of each column of errors (runs, columns) the one that is exceeded with probability `delta` at most, over the runs and
-/// the next error together: that of [`exceedances`], or the largest.
+/// Of each column of errors (runs, columns) the one that is exceeded with probability `delta` at most, over the runs
+/// and the next error together: that of [`exceedances`], or the largest.
 ///
 /// # Errors
 /// [`Error::Shape`] for no errors, [`Error::Memory`].

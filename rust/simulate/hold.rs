@@ -26,8 +26,8 @@ const PADE: [f64; 14] = [
     1.0,
 ];
 const THETA: f64 = 5.371_920_351_148_152;
-/// Each squaring doubles the error of an exponent: after more squarings of a part that does not decay, fewer than six of its
-/// digits are right.
+/// Each squaring doubles the error of an exponent: after more squarings of a part that does not decay, fewer than six
+/// of its digits are right.
 const SQUARINGS: usize = 28;
 const SHORT: &str = "short beside the time scales of the system: a part of its state lasts for so long that fewer than six \
                      digits of it would be right";
@@ -59,8 +59,8 @@ fn norm(of: &Matrix, rows: usize, cols: usize) -> f64 {
     (0..cols).map(|j| (0..rows).map(|i| of[(i, j)].abs()).sum()).fold(0.0, f64::max)
 }
 
-/// `e^X`, and how many squarings doubled rounding that lasts in the first n rows and columns: the columns of inputs and the
-/// faster parts have decayed where it does not.
+/// `e^X`, and how many squarings doubled rounding that lasts in the first n rows and columns: the columns of inputs and
+/// the faster parts have decayed where it does not.
 fn exponential(x: &Matrix, n: usize) -> (Matrix, usize) {
     let (size, one) = (x.nrows(), norm(x, x.nrows(), x.ncols()));
     let squarings = if one > 0.0 { (one / THETA).log2().ceil().max(0.0) as usize } else { 0 };
@@ -81,8 +81,8 @@ fn exponential(x: &Matrix, n: usize) -> (Matrix, usize) {
     (found, lasting)
 }
 
-/// Exponents e for which the rows and columns of `2^-e A 2^e` have nearly equal sums (Osborne 1960), without rounding. A state
-/// that none of the others moves, or that moves none, has no best unit: 1 takes the place of an empty sum.
+/// Exponents e for which the rows and columns of `2^-e A 2^e` have nearly equal sums (Osborne 1960), without rounding.
+/// A state that none of the others moves, or that moves none, has no best unit: 1 takes the place of an empty sum.
 fn balance(a: &[f64], n: usize) -> Result<Vec<i64>> {
     let mut e = try_filled(WHAT, 0i64, n)?;
     let beside = |e: &[i64], i: usize, j: usize| scaled(a[i * n + j].abs(), e[j] - e[i]);
@@ -110,11 +110,12 @@ fn balance(a: &[f64], n: usize) -> Result<Vec<i64>> {
 
 /// `A_d` (n, n) and `B_d` (n, m) of `x' = A x + B u` with u constant over each step of `dt`.
 ///
-/// In units of states and inputs, powers of two, in which `dt A` is balanced and the columns of B are of size 1: neither its
-/// size, nor the units of the states, nor dt in another unit of time change the digits.
+/// In units of states and inputs, powers of two, in which `dt A` is balanced and the columns of B are of size 1:
+/// neither its size, nor the units of the states, nor dt in another unit of time change the digits.
 ///
 /// # Errors
-/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] and [`Error::Overflow`] where dt is too large, [`Error::Memory`].
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] and [`Error::Overflow`] where dt is too large,
+/// [`Error::Memory`].
 pub fn zero_order_hold(a: &[f64], b: &[f64], n: usize, m: usize, dt: f64) -> Result<(Vec<f64>, Vec<f64>)> {
     if a.len() != checked_len(WHAT, n, n)? || b.len() != checked_len(WHAT, n, m)? {
         let (expected, found) = (format!("{n} x {n} and {n} x {m} entries"), a.len().to_string());

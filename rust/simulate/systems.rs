@@ -31,12 +31,12 @@ impl Systems<'_> {
     /// Mean and covariance over the systems at the times `0 .. K`; the runs themselves only with `keep`.
     ///
     /// Deviations from the run of the first system are added up. Its distance from the mean is at most `sqrt(N - 1)`
-    /// standard deviations, so that a variance has a relative rounding error of `N` units at most, wherever the runs are.
-    /// Systems are taken in fixed blocks, so that the number of threads changes nothing.
+    /// standard deviations, so that a variance has a relative rounding error of `N` units at most, wherever the runs
+    /// are. Systems are taken in fixed blocks, so that the number of threads changes nothing.
     ///
     /// # Errors
-    /// [`Error::Shape`] if the arrays do not fit together, [`Error::NonFinite`], [`Error::Overflow`] if a state or a second
-    /// moment is not finite, [`Error::Memory`], [`Error::Interrupted`] after a stop.
+    /// [`Error::Shape`] if the arrays do not fit together, [`Error::NonFinite`], [`Error::Overflow`] if a state or a
+    /// second moment is not finite, [`Error::Memory`], [`Error::Interrupted`] after a stop.
     pub fn run(&self, second: Second, keep: bool, threads: usize, stop: &Stop) -> Result<Ensemble> {
         let size = self.checked()?;
         let center = self.first(stop)?;

@@ -29,7 +29,8 @@ pub struct Predicted<'a> {
     pub target: &'a [f64],
 }
 
-/// Of each run: the largest deviation of a state, in its units, and `||x(K) - target||`; infinite for a run that diverged.
+/// Of each run: the largest deviation of a state, in its units, and `||x(K) - target||`; infinite for a run that
+/// diverged.
 #[derive(Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Scores {
@@ -43,8 +44,8 @@ impl Predicted<'_> {
     /// Scores of runs of `(K + 1) n` entries each, nan after the end of a run that was aborted.
     ///
     /// # Errors
-    /// [`Error::Shape`] if the arrays do not fit together, [`Error::NonFinite`] for what is not of the runs, [`Error::Value`]
-    /// for a unit that is not positive, [`Error::Memory`], [`Error::Interrupted`] after a stop.
+    /// [`Error::Shape`] if the arrays do not fit together, [`Error::NonFinite`] for what is not of the runs,
+    /// [`Error::Value`] for a unit that is not positive, [`Error::Memory`], [`Error::Interrupted`] after a stop.
     pub fn runs(&self, runs: &[f64], threads: usize, stop: &Stop) -> Result<Scores> {
         self.checked()?;
         let one = self.one();
@@ -191,8 +192,9 @@ pub fn noise_deviations(a: &[f64], covariance: &[f64], n: usize, steps: usize) -
     Ok(found)
 }
 
-/// A bound of `||E x - target||` of which Gaussian x the rows of `ends` are independent draws, with probability `1 - delta`
-/// (Hotelling): `||mean - target|| + sqrt(lam_max(S) n (M - 1) / (M (M - n)) F_{n, M - n}(delta))`, infinite for `M <= n`.
+/// A bound of `||E x - target||` of which Gaussian x the rows of `ends` are independent draws, with probability
+/// `1 - delta` (Hotelling): `||mean - target|| + sqrt(lam_max(S) n (M - 1) / (M (M - n)) F_{n, M - n}(delta))`,
+/// infinite for `M <= n`.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`].
@@ -234,12 +236,12 @@ pub fn order_statistic(scores: &[f64], rank: usize) -> Result<f64> {
     Ok(rank.checked_sub(1).map_or(f64::NEG_INFINITY, |at| sorted.get(at).copied().unwrap_or(f64::INFINITY)))
 }
 
-/// The smallest score s with `sum_{s_i > s} w_i + w_new <= delta (sum w + w_new)`, infinite if there is none (Tibshirani,
-/// Barber, Candes, Ramdas 2019). The last weight is `w_new`, of the run to come.
+/// The smallest score s with `sum_{s_i > s} w_i + w_new <= delta (sum w + w_new)`, infinite if there is none
+/// (Tibshirani, Barber, Candes, Ramdas 2019). The last weight is `w_new`, of the run to come.
 ///
 /// # Errors
-/// [`Error::Shape`] if there is not one weight more than scores, [`Error::Value`] for a score that is nan or a weight that
-/// is not in `[0, inf)`, [`Error::Memory`].
+/// [`Error::Shape`] if there is not one weight more than scores, [`Error::Value`] for a score that is nan or a weight
+/// that is not in `[0, inf)`, [`Error::Memory`].
 pub fn weighted_order_statistic(scores: &[f64], weights: &[f64], delta: f64) -> Result<f64> {
     not_nan(scores)?;
     sized("weights", weights.len(), scores.len() + 1)?;

@@ -54,7 +54,8 @@ pub trait Saved: Sized {
     /// Any but [`Error::State`], for sections that cannot have been put.
     fn take(from: &mut Sections, stop: &Stop) -> Result<Self>;
 
-    /// Saves it as the next generation of the file at `path`, whose number is returned; the one before stays at `path.prev`.
+    /// Saves it as the next generation of the file at `path`, whose number is returned; the one before stays at
+    /// `path.prev`.
     ///
     /// # Errors
     /// Those of [`super::save`].
@@ -64,7 +65,8 @@ pub trait Saved: Sized {
         save(path.as_ref(), Self::KIND, &sections.0, stop)
     }
 
-    /// Loads it, with the same bits on the same kind of processor. Only this file is read: `path.prev` has a name of its own.
+    /// Loads it, with the same bits on the same kind of processor. Only this file is read: `path.prev` has a name of
+    /// its own.
     ///
     /// # Errors
     /// [`Error::State`] if the file is damaged, of another kind or version, or holds what cannot be; [`Error::Os`],

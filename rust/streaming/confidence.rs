@@ -1,11 +1,12 @@
 //! A confidence radius of a running mean that holds for all numbers of realizations at once.
 //!
-//! *Mean.* With `S_n = sum_i (E_i - mu)`, `||E_i - mu|| <= R` and `V = E ||E - mu||^2`, `cosh(lam ||S_n||) exp(-n V psi(lam))`
-//! is a supermartingale in any Hilbert space, `psi(lam) = lam^2 / (2 (1 - lam R / 3))` (Pinelis 1994, proof of theorem 3.2
-//! with D = 1, and `e^x - 1 - x <= x^2 / (2 (1 - x / 3))`). As `cosh(x) >= e^x / 2`, Ville's inequality gives
-//! `||S_n|| < (l + n V psi(lam)) / lam` for all n, except with probability `2 e^-l`. With `1 / lam = R / 3 + sqrt(m V / (2 l))`
-//! that is `||S_n|| < R l / 3 + w sqrt(2 l V n)`, `w = (sqrt(n / m) + sqrt(m / n)) / 2`: at n = m Bernstein's inequality for
-//! one size.
+//! *Mean.* With `S_n = sum_i (E_i - mu)`, `||E_i - mu|| <= R` and `V = E ||E - mu||^2`,
+//! `cosh(lam ||S_n||) exp(-n V psi(lam))` is a supermartingale in any Hilbert space,
+//! `psi(lam) = lam^2 / (2 (1 - lam R / 3))` (Pinelis 1994, proof of theorem 3.2 with D = 1, and
+//! `e^x - 1 - x <= x^2 / (2 (1 - x / 3))`). As `cosh(x) >= e^x / 2`, Ville's inequality gives
+//! `||S_n|| < (l + n V psi(lam)) / lam` for all n, except with probability `2 e^-l`. With
+//! `1 / lam = R / 3 + sqrt(m V / (2 l))` that is `||S_n|| < R l / 3 + w sqrt(2 l V n)`,
+//! `w = (sqrt(n / m) + sqrt(m / n)) / 2`: at n = m Bernstein's inequality for one size.
 //!
 //! *Variance.* `Q_n = sum_i ||E_i - mu||^2` has terms Y in [0, R^2] with `E Y^2 <= R^2 V`, so
 //! `E exp(-lam Y) <= exp(-lam V + lam^2 R^2 V / 2)`, and by Ville's inequality with `lam = sqrt(2 l / (m V R^2))`:
@@ -16,16 +17,16 @@
 //! `sigma^2 - 2 beta sigma <= D^2 / n + x^2`; the largest such sigma solves a quadratic equation. Also,
 //! `2 V = E ||E - E'||^2 <= R^2`.
 //!
-//! *All sizes.* Epoch k = 1, 2, ... is `4^k <= n < 4^(k+1)`; it has m = 2 4^k, so w < 1.07, and `delta / (k (k + 1))`, in
-//! total delta.
+//! *All sizes.* Epoch k = 1, 2, ... is `4^k <= n < 4^(k+1)`; it has m = 2 4^k, so w < 1.07, and `delta / (k (k + 1))`,
+//! in total delta.
 
 /// Share of delta for the bound on the mean; the bound on the variance has the rest. About the best choice for n > 100.
 const SHARE: f64 = 0.75;
 
 /// Bounds `||mean - mu||` for all numbers of realizations at once, of which there are `count`.
 ///
-/// `deviation` is D and `diameter` R with `||E - E'|| <= R`. The bound is tightest at `size` realizations, which must not
-/// depend on the data; without it, it is nearly as tight at every number.
+/// `deviation` is D and `diameter` R with `||E - E'|| <= R`. The bound is tightest at `size` realizations, which must
+/// not depend on the data; without it, it is nearly as tight at every number.
 #[must_use]
 pub fn mean_radius(count: u64, deviation: f64, diameter: f64, delta: f64, size: Option<u64>) -> f64 {
     let epoch = count.checked_ilog2().unwrap_or(0) / 2;

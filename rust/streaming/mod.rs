@@ -1,7 +1,7 @@
 //! The sequential algorithm: estimates of `x0`, `xf`, `A` and the control from them, updated with every realization.
 //!
-//! [`Stream`] draws its own realizations and fits them to their means by sequential least squares. One slot `i` moves per
-//! step, `F_i <- (1 - t) F_i + t E`, and `v <- (1 - t) v + t v'` with `v'` from `E` in that
+//! [`Stream`] draws its own realizations and fits them to their means by sequential least squares. One slot `i` moves
+//! per step, `F_i <- (1 - t) F_i + t E`, and `v <- (1 - t) v + t v'` with `v'` from `E` in that
 //! slot and the fused values in the other two. Since `(xf, x0, A) -> B^+ (xf - A x0)` is affine in each slot, that is
 //!
 //! `v = B^+ (Ff - FA F0)`,

@@ -110,7 +110,8 @@ impl Stream {
     /// A stream that has drawn one realization for every slot.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`] or [`Error::Value`] for laws or a `B` that cannot be used.
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`] or [`Error::Value`] for laws or a `B` that cannot be
+    /// used.
     pub fn new(geometry: Geometry, laws: StreamLaws, config: Config) -> Result<Self> {
         let mut stream = Self::unstarted(geometry, laws, config)?;
         for slot in &mut stream.slots {

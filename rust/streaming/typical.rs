@@ -14,8 +14,9 @@ use crate::vector::dot;
 const WHAT: &str = "resampled means";
 
 impl Feed {
-    /// `F + r sum_g sqrt(n_g) xi_g (M_g - F) / sqrt((G - 1) N)` of the means `M_g` of `G` groups of `n_g` realizations, xi
-    /// standard normal and `r = sqrt((G - 1) / chi^2_(G-1))`: Student's law, whose covariance about F is that of the groups.
+    /// `F + r sum_g sqrt(n_g) xi_g (M_g - F) / sqrt((G - 1) N)` of the means `M_g` of `G` groups of `n_g` realizations,
+    /// xi standard normal and `r = sqrt((G - 1) / chi^2_(G-1))`: Student's law, whose covariance about F is that of the
+    /// groups.
     fn resampled(&self, chi2: ChiSquared<f64>, rng: &mut impl rand::Rng, to: &mut [f64]) {
         to.copy_from_slice(&self.mean);
         let size = 1.0 / (chi2.sample(rng) * self.count as f64).sqrt();
@@ -29,12 +30,12 @@ impl Feed {
 }
 
 impl DataStream {
-    /// `||x(K) - xf||` under `inputs` (K, m) for `size` resampled means of x0, xf and A; infinite where a run overflows. Those of
-    /// an `exact` entity stay.
+    /// `||x(K) - xf||` under `inputs` (K, m) for `size` resampled means of x0, xf and A; infinite where a run
+    /// overflows. Those of an `exact` entity stay.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an entity that is neither exact nor has a realization in each
-    /// group, or has a target, [`Error::Memory`], [`Error::Interrupted`].
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an entity that is neither exact nor has a
+    /// realization in each group, or has a target, [`Error::Memory`], [`Error::Interrupted`].
     pub fn misses(&self, inputs: &[f64], exact: [bool; 3], key: &Key, size: usize, stop: &Stop) -> Result<Vec<f64>> {
         let (n, m) = (self.geometry.n, self.geometry.m);
         if inputs.is_empty() || !inputs.len().is_multiple_of(m) {

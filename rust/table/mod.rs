@@ -76,8 +76,8 @@ impl Table {
         Ok(table)
     }
 
-    /// Whether commas are decimal ones. Behind `;` they are; between tabs they may divide thousands, as English spreadsheets
-    /// write them: there one must be decimal for sure, and no number have a point.
+    /// Whether commas are decimal ones. Behind `;` they are; between tabs they may divide thousands, as English
+    /// spreadsheets write them: there one must be decimal for sure, and no number have a point.
     fn has_decimal_commas(&self, sep: u8) -> bool {
         let cells = || (0..self.ends.len()).map(|k| self.cell(k));
         let sure = |cell: &str| is_number_with_comma(cell) && !is_thousands(cell);

@@ -20,8 +20,8 @@ impl Pieces {
     /// how many rows of each run are lost.
     ///
     /// # Errors
-    /// [`Error::Value`] for a run without a pair, a gap that is not inside a run or not behind the one before it, and for `lost` of another
-    /// number of runs; [`Error::Memory`].
+    /// [`Error::Value`] for a run without a pair, a gap that is not inside a run or not behind the one before it, and
+    /// for `lost` of another number of runs; [`Error::Memory`].
     pub fn new(lengths: Vec<usize>, gaps: Vec<[usize; 2]>, lost: Vec<usize>) -> Result<Self> {
         if lost.len() != lengths.len() {
             let found = format!("{} numbers for {} runs", lost.len(), lengths.len());

@@ -12,10 +12,11 @@ use crate::memory::try_collect;
 
 /// The numbers of a fused control, for rates of `x0`, `xf` and `A`.
 ///
-/// The error is `||B (u - v*)||_2` or `||u - v*||_2` for `v* = B^+ (xf - A x0)`. The paper's lemmas use norms of the data;
-/// moments and diameters here are those of the image under `B B^+` (state) or `B^+` (control), never larger. By product
-/// fusion the error is bilinear: `y_hat - y = (xf_hat - xf) - A (x0_hat - x0) - (A_hat - A) x0_hat`. By diagonal fusion it
-/// is that of the average of N pairs, `xf^s` and `z^s = A^s x0^s`; one size for all that is not exact.
+/// The error is `||B (u - v*)||_2` or `||u - v*||_2` for `v* = B^+ (xf - A x0)`. The paper's lemmas use norms of the
+/// data; moments and diameters here are those of the image under `B B^+` (state) or `B^+` (control), never larger. By
+/// product fusion the error is bilinear: `y_hat - y = (xf_hat - xf) - A (x0_hat - x0) - (A_hat - A) x0_hat`. By
+/// diagonal fusion it is that of the average of N pairs, `xf^s` and `z^s = A^s x0^s`; one size for all that is not
+/// exact.
 #[derive(Debug)]
 pub struct FusedControl {
     /// What realizations can be.

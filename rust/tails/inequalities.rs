@@ -14,31 +14,32 @@ const ABOVE_ROUNDING: f64 = 1.0 + 1e-12;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Inequality {
-    /// `U l / 3 + sqrt((U l / 3)^2 + 2 v l)` for matrices, `l = log((n + m) / delta)`, best for large ones: J. A. Tropp,
-    /// "User-friendly tail bounds for sums of random matrices", Found. Comput. Math. 12, 2012. `v` is the
-    /// larger of `||T_A(1)||_2` and `max_j (g_j^2 - ||a_j||^2)`, over N, and `U` the largest deviation of one line of one
-    /// realization, over N: the average is a sum of `N m` independent matrices of rank one. Exact and zero lines do not
-    /// count in n and m.
+    /// `U l / 3 + sqrt((U l / 3)^2 + 2 v l)` for matrices, `l = log((n + m) / delta)`, best for large ones: J. A.
+    /// Tropp, "User-friendly tail bounds for sums of random matrices", Found. Comput. Math. 12, 2012. `v` is the
+    /// larger of `||T_A(1)||_2` and `max_j (g_j^2 - ||a_j||^2)`, over N, and `U` the largest deviation of one line of
+    /// one realization, over N: the average is a sum of `N m` independent matrices of rank one. Exact and zero lines do
+    /// not count in n and m.
     Bernstein,
-    /// `E + sqrt(2 L (lam + 2 U E)) + U L / 3`, for many realizations, which is Talagrand's inequality for the supremum of
-    /// `<v, average - mean>` over unit vectors v: E its mean, at most the root mean square, `lam` the largest variance of a
-    /// projection, `U` the largest deviation of one of N independent terms over N. O. Bousquet, "A Bennett concentration
-    /// inequality and its application to suprema of empirical processes", C. R. Acad. Sci. Paris 334, 2002.
+    /// `E + sqrt(2 L (lam + 2 U E)) + U L / 3`, for many realizations, which is Talagrand's inequality for the supremum
+    /// of `<v, average - mean>` over unit vectors v: E its mean, at most the root mean square, `lam` the largest
+    /// variance of a projection, `U` the largest deviation of one of N independent terms over N. O. Bousquet, "A
+    /// Bennett concentration inequality and its application to suprema of empirical processes", C. R. Acad. Sci. Paris
+    /// 334, 2002.
     ///
     /// Of a product, `y_hat - y = [(xf_hat - xf) - A (x0_hat - x0) - (A_hat - A) x0] - (A_hat - A)(x0_hat - x0)`: the
-    /// bracket is the average of N independent terms, one for each index (one size for all), with 0.8 delta. The rest is
-    /// O(1/N): with `||x0_hat - x0|| <= r` (0.1 delta), given `x0_hat`, McDiarmid with 0.1 delta. With `x0` or `A` exact
-    /// there is no rest, and the bracket has all of delta.
+    /// bracket is the average of N independent terms, one for each index (one size for all), with 0.8 delta. The rest
+    /// is O(1/N): with `||x0_hat - x0|| <= r` (0.1 delta), given `x0_hat`, McDiarmid with 0.1 delta. With `x0` or `A`
+    /// exact there is no rest, and the bracket has all of delta.
     Bousquet,
-    /// `E + sqrt(V L)` for products, E the root mean square, for `x0_hat` near `x0` or for any `x0_hat`: C. McDiarmid, "On
-    /// the method of bounded differences", Surveys in Combinatorics, 1989. The smaller of two: in one
-    /// `||x0_hat - x0||` exceeds its own bound with probability `delta/10`, and the rest of delta is for McDiarmid. For the
-    /// state this implies the exponent `N t^2 / (gf^2 + 3 g0^2 gA^2)`. The sizes of the entities may differ.
+    /// `E + sqrt(V L)` for products, E the root mean square, for `x0_hat` near `x0` or for any `x0_hat`: C. McDiarmid,
+    /// "On the method of bounded differences", Surveys in Combinatorics, 1989. The smaller of two: in one
+    /// `||x0_hat - x0||` exceeds its own bound with probability `delta/10`, and the rest of delta is for McDiarmid. For
+    /// the state this implies the exponent `N t^2 / (gf^2 + 3 g0^2 gA^2)`. The sizes of the entities may differ.
     McDiarmid,
     /// `g sqrt(2 (log(2^n - 2) + L) / N)` for a vector in the 1-norm, n nonzero entries, best for few:
-    /// `P(||p_hat - p||_1 >= eps) <= (2^n - 2) exp(-N eps^2 / 2)`, T. Weissman et al., "Inequalities for the L1 deviation of
-    /// the empirical distribution", HP Laboratories, HPL-2003-97, 2003. In the 2-norm it is smaller by `sqrt(2)`: the errors
-    /// of the frequencies add up to 0, and then `||z||_1 >= sqrt(2) ||z||_2`.
+    /// `P(||p_hat - p||_1 >= eps) <= (2^n - 2) exp(-N eps^2 / 2)`, T. Weissman et al., "Inequalities for the L1
+    /// deviation of the empirical distribution", HP Laboratories, HPL-2003-97, 2003. In the 2-norm it is smaller by
+    /// `sqrt(2)`: the errors of the frequencies add up to 0, and then `||z||_1 >= sqrt(2) ||z||_2`.
     Weissman,
     /// `sqrt(sum_j k_j g_j^2) / N` for systematic samples, never exceeded, for every delta: each of the `k_j` nonzero
     /// entries of a line is hit `floor(N p_i)` or `ceil(N p_i)` times.

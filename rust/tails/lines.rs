@@ -16,8 +16,8 @@ pub enum Norm {
     Spectral,
 }
 
-/// The numbers of lines with `p_i = |a_i| / g`, `g = ||a||_1`. Lines with fewer than two nonzero entries are always exact
-/// and left out.
+/// The numbers of lines with `p_i = |a_i| / g`, `g = ||a||_1`. Lines with fewer than two nonzero entries are always
+/// exact and left out.
 #[derive(Debug, Clone, Copy)]
 pub struct Lines {
     pub(super) norm: Norm,

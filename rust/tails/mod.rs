@@ -1,8 +1,8 @@
 //! Tail bounds on the errors of averages of realizations: a setting times an inequality.
 //!
-//! A setting is what the error is of: [`Lines`] of a vector or a matrix, or a [`FusedControl`]. It is known by a few numbers,
-//! which the formulas of `inequalities` combine with *rates*, `1 / size` of every entity (0 for one known exactly), and a
-//! *level* `L = log(1 / delta)`. All numbers are in a unit of the setting, in which nothing overflows.
+//! A setting is what the error is of: [`Lines`] of a vector or a matrix, or a [`FusedControl`]. It is known by a few
+//! numbers, which the formulas of `inequalities` combine with *rates*, `1 / size` of every entity (0 for one known
+//! exactly), and a *level* `L = log(1 / delta)`. All numbers are in a unit of the setting, in which nothing overflows.
 
 mod control;
 mod image;

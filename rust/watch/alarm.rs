@@ -16,7 +16,8 @@ pub(super) const LEARNED: [f64; 2] = [20.0, 200.0];
 const SHIFT: f64 = 5.0;
 /// Steps in which nothing could have told, to be blind; also those of the mean of what is seen.
 const IDLE: f64 = 200.0;
-/// Least factor of a bet, and largest sums: what is beyond is evidence that is lost, or of no use, and all numbers are finite.
+/// Least factor of a bet, and largest sums: what is beyond is evidence that is lost, or of no use, and all numbers are
+/// finite.
 const LEAST: f64 = 1e-300;
 const MOST: f64 = 1e290;
 /// Relative changes that are looked at by what it sees now: `.02 1.5^k`.
@@ -73,13 +74,13 @@ pub struct Watch {
     x: Vec<f64>,
     first: Vec<f64>,
     z: Vec<f64>,
-    /// Evidence: of single steps (bets, shifts, 2), of short and of long blocks (bets, small, 2), of the energy, of learned bets;
-    /// where each begins, and `pi b` of each.
+    /// Evidence: of single steps (bets, shifts, 2), of short and of long blocks (bets, small, 2), of the energy, of
+    /// learned bets; where each begins, and `pi b` of each.
     evidence: Vec<f64>,
     pub(super) begins: [usize; 6],
     pub(super) weights: [f64; 5],
-    /// Of the short and the long block: sums of logarithms (bets, small, 2), `sum phi' g'z W z` (bets, small, any), `sum p^2` and
-    /// `sum (g'z)^2` (bets).
+    /// Of the short and the long block: sums of logarithms (bets, small, 2), `sum phi' g'z W z` (bets, small, any),
+    /// `sum p^2` and `sum (g'z)^2` (bets).
     sums: [Vec<f64>; 2],
     drift: [Vec<f64>; 2],
     squares: [Vec<f64>; 2],
@@ -161,8 +162,8 @@ impl Watch {
         })
     }
 
-    /// One call: readings `y`, nan where one is missing, and the inputs that acted since the last call. After an alarm all pairs
-    /// are taken into the fresh set.
+    /// One call: readings `y`, nan where one is missing, and the inputs that acted since the last call. After an alarm
+    /// all pairs are taken into the fresh set.
     ///
     /// # Errors
     /// [`Error::Shape`].
@@ -424,8 +425,8 @@ impl Watch {
         self.frame.rows.get(direction).copied().unwrap_or(self.frame.outputs)
     }
 
-    /// Direction, column, and the least change of each gain, in parts of it, and load, in deviations, that would be seen within
-    /// so many `steps`, by the growth of the evidence in the last 200 pairs: a rule, not a bound.
+    /// Direction, column, and the least change of each gain, in parts of it, and load, in deviations, that would be
+    /// seen within so many `steps`, by the growth of the evidence in the last 200 pairs: a rule, not a bound.
     ///
     /// # Errors
     /// [`Error::Memory`].

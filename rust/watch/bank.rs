@@ -14,8 +14,8 @@ const SHIFTS: [f64; 4] = [0.15, 0.5, 1.5, 5.0];
 pub enum Null {
     /// One of the region, the same in each block.
     Constant,
-    /// Of the region in each step; it may move in it at will. The sum of the penalties of all steps takes the place of the
-    /// smaller penalty of a block.
+    /// Of the region in each step; it may move in it at will. The sum of the penalties of all steps takes the place of
+    /// the smaller penalty of a block.
     Moving,
 }
 

@@ -12,7 +12,8 @@ use crate::vector::{dot, norm as size};
 pub(super) const WHAT: &str = "a watch";
 /// What is taken for a bound is larger by this: the rounding of what it is compared with.
 pub(super) const WIDER: f64 = 1.0 + 1e-9;
-/// Noise of a row, in parts of its readings, and variance in parts of its own that other rows leave: below these, rounding.
+/// Noise of a row, in parts of its readings, and variance in parts of its own that other rows leave: below these,
+/// rounding.
 const ROUNDING: f64 = 1e-15;
 const TIED: f64 = 1e-12;
 /// Noise whose square has few digits.
@@ -141,8 +142,8 @@ impl Frame {
         })
     }
 
-    /// `e` (n) and `W z` (any), and the lengths (parts) of z; false where a number is not finite, or z has a part in a direction
-    /// that the data do not determine.
+    /// `e` (n) and `W z` (any), and the lengths (parts) of z; false where a number is not finite, or z has a part in a
+    /// direction that the data do not determine.
     pub fn residual(&self, z: &[f64], y: &[f64], e: &mut [f64], wz: &mut [f64], lengths: &mut [f64]) -> bool {
         let (n, d) = self.sizes;
         wz.iter_mut().zip(self.white.chunks_exact(d)).for_each(|(to, row)| *to = dot(row, z));

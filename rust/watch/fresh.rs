@@ -7,7 +7,8 @@
 //! |l' (H - Theta_1) q| <= sqrt(l' Sbar l) r(q),   r(q) = min_k sqrt(2 c_k) ||(V + kappa_k P)^(1/2) V^-1 q||
 //! ```
 //!
-//! by the mixture over the sphere. What is further off than this and the region proves the change, however it was found.
+//! by the mixture over the sphere. What is further off than this and the region proves the change, however it was
+//! found.
 
 use crate::control::singular;
 use crate::error::Result;
@@ -20,7 +21,8 @@ use super::frame::{Frame, WHAT, WIDER};
 
 /// Pairs of the mixtures: sets of about these lengths are measured best.
 pub(super) const MIXTURES: [f64; 3] = [5.0, 50.0, 500.0];
-/// Of the largest: directions of z that are as good as absent. Any limit is valid, as the others are orthogonal to them.
+/// Of the largest: directions of z that are as good as absent. Any limit is valid, as the others are orthogonal to
+/// them.
 const ABSENT: f64 = 1e-9;
 /// In units of the data of the region: what is smaller is absent, too, and squares stay numbers.
 const TINY: f64 = 1e-100;
@@ -39,16 +41,18 @@ pub struct Fresh {
 /// What the pairs say.
 #[derive(Debug)]
 pub struct Look {
-    /// The estimate (outputs, d), nan where the pairs do not determine a column, or the row is not watched; it is within this of
-    /// the system; and what the region adds for a system of it.
+    /// The estimate (outputs, d), nan where the pairs do not determine a column, or the row is not watched; it is
+    /// within this of the system; and what the region adds for a system of it.
     pub entries: [Vec<f64>; 3],
-    /// The largest violation of the region: of all, without each of the groups of columns, and without each row. Above 1 a proof
-    /// that the system is outside, and that these columns or this row alone do not explain it.
+    /// The largest violation of the region: of all, without each of the groups of columns, and without each row. Above
+    /// 1 a proof that the system is outside, and that these columns or this row alone do not explain it.
     pub violations: Vec<f64>,
-    /// What the gain of each column is now in parts of that of C (d), along the direction of the old one, and both radii.
+    /// What the gain of each column is now in parts of that of C (d), along the direction of the old one, and both
+    /// radii.
     pub gains: [Vec<f64>; 3],
-    /// `white` (d, d), `root` with `white root' = I`, and `factor` of the set that these pairs allow: `(H - Theta) V (H - Theta)'
-    /// <= factor Sbar`, `V = root' root`. Empty where they do not determine all of z, or not all rows are watched.
+    /// `white` (d, d), `root` with `white root' = I`, and `factor` of the set that these pairs allow:
+    /// `(H - Theta) V (H - Theta)' <= factor Sbar`, `V = root' root`. Empty where they do not determine all of z, or
+    /// not all rows are watched.
     pub allowed: (Vec<f64>, Vec<f64>, f64),
 }
 
@@ -215,9 +219,9 @@ impl<'a> Search<'a> {
         (WIDER * norm(l.iter().copied()) * r, WIDER * old)
     }
 
-    /// The largest `l'(H - C) q / (||l|| r(q) + sum_p |B'l| ||W q||)` that is found, over q without these columns and l without a
-    /// row: `(a + sum_p b_p)^2 <= a^2 / t + k sum_p b_p^2 / (1 - t)` with `|B'l| <= ||B|| ||l||` is a square of q, of which the
-    /// best l and q are singular vectors. Any l and q would do.
+    /// The largest `l'(H - C) q / (||l|| r(q) + sum_p |B'l| ||W q||)` that is found, over q without these columns and l
+    /// without a row: `(a + sum_p b_p)^2 <= a^2 / t + k sum_p b_p^2 / (1 - t)` with `|B'l| <= ||B|| ||l||` is a square
+    /// of q, of which the best l and q are singular vectors. Any l and q would do.
     fn largest(&self, without: &[usize], row: Option<usize>) -> Result<f64> {
         let (frame, (n, d)) = (self.frame, self.frame.sizes);
         let mut fixed = try_copy(WHAT, &self.absent)?;

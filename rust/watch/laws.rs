@@ -7,12 +7,12 @@ pub(super) const LARGEST: f64 = 1e260;
 /// Of the standard deviation: where a bet on symmetric noise is cut.
 const CUT: f64 = 1.5;
 
-/// The law of the noise `w` given the past, with `Sbar` the bound of its covariance. With `v >= var(x)` and `p` what the
-/// region may add to `x`:
+/// The law of the noise `w` given the past, with `Sbar` the bound of its covariance. With `v >= var(x)` and `p` what
+/// the region may add to `x`:
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Laws {
-    /// Mean 0 and `Cov <= Sbar`: `exp(phi(a (x - p))) / (1 + a^2 v / 2)`, `phi(t) = sign(t) log(1 + |t| + t^2 / 2)`; valid as
-    /// `exp(phi(t)) <= 1 + t + t^2 / 2` and phi rises.
+    /// Mean 0 and `Cov <= Sbar`: `exp(phi(a (x - p))) / (1 + a^2 v / 2)`, `phi(t) = sign(t) log(1 + |t| + t^2 / 2)`;
+    /// valid as `exp(phi(t)) <= 1 + t + t^2 / 2` and phi rises.
     Variance,
     /// Gaussian, or sub-Gaussian with proxy `Sbar`: `exp(a (x - p) - a^2 v / 2)`.
     Gaussian,
@@ -55,8 +55,8 @@ impl Laws {
         if factor.is_nan() { 0.0 } else { factor.min(LARGEST) }
     }
 
-    /// What a block adds up for a constant system: parts of `log` of the factor without p that are odd and even in x, and
-    /// `phi'`; finite numbers.
+    /// What a block adds up for a constant system: parts of `log` of the factor without p that are odd and even in x,
+    /// and `phi'`; finite numbers.
     #[must_use]
     pub fn block(self, s: f64, x: f64, v: f64) -> [f64; 3] {
         let (t, even) = ((s * x).clamp(-1e150, 1e150), (0.5 * s * s * v).min(1e290));
@@ -73,8 +73,8 @@ impl Laws {
         if self == Self::Variance { 0.125 } else { 0.0 }
     }
 
-    /// The factor of a bet on the energy `r^2`, `r <= ||Sbar^(-1/2) w||` in `n` dimensions, with the share `b` in (0, 1):
-    /// `1 - b + b r^2 / n`, for Gaussian noise `(1 - b)^(n/2) exp(b r^2 / 2)`.
+    /// The factor of a bet on the energy `r^2`, `r <= ||Sbar^(-1/2) w||` in `n` dimensions, with the share `b` in (0,
+    /// 1): `1 - b + b r^2 / n`, for Gaussian noise `(1 - b)^(n/2) exp(b r^2 / 2)`.
     #[must_use]
     pub fn energy(self, b: f64, r: f64, n: usize) -> f64 {
         match self {

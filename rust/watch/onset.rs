@@ -1,7 +1,8 @@
 //! When a change began: by the likelihood of one change of the coefficients that stays.
 //!
-//! Before it the coefficients are of the region as a Gaussian one, behind it within the noise of 5, 50 or 500 pairs, with noise as
-//! before or louder. The root of the likelihood is what is trusted, as the law of the noise is not exactly known.
+//! Before it the coefficients are of the region as a Gaussian one, behind it within the noise of 5, 50 or 500 pairs,
+//! with noise as before or louder. The root of the likelihood is what is trusted, as the law of the noise is not
+//! exactly known.
 
 use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_extend, try_push, try_zeros};
@@ -86,9 +87,9 @@ impl Watch {
         Ok(Pairs { x, e, at: try_collect(WHAT, places.iter().map(|place| ends[*place]))? })
     }
 
-    /// Between which calls the change began that the alarm saw, with `level` left out on both sides together, for Gaussian noise
-    /// and one change that stays; of the last 1000 calls. None without an alarm, where no pair is complete, and where each row has
-    /// a region of its own.
+    /// Between which calls the change began that the alarm saw, with `level` left out on both sides together, for
+    /// Gaussian noise and one change that stays; of the last 1000 calls. None without an alarm, where no pair is
+    /// complete, and where each row has a region of its own.
     ///
     /// # Errors
     /// [`crate::Error::Memory`].

@@ -11,8 +11,9 @@ use super::laws::Laws;
 pub type Tables = (Vec<(&'static str, usize)>, Vec<(&'static str, Vec<f64>)>);
 
 impl Watch {
-    /// All that a step needs, but the places of `sights` and what `changes` are found from. A z of which one of the `lost`
-    /// (any, d) directions, of a part each, is seen beyond its `tolerance` in roundoffs of its terms makes no pair.
+    /// All that a step needs, but the places of `sights` and what `changes` are found from. A z of which one of the
+    /// `lost` (any, d) directions, of a part each, is seen beyond its `tolerance` in roundoffs of its terms makes no
+    /// pair.
     ///
     /// # Errors
     /// [`crate::Error::Memory`].

@@ -7,8 +7,8 @@ use crate::parallel::Stop;
 
 use super::shape::{Kind, LARGEST, WHAT, Window};
 
-/// The least b with `P(Bin(b, 1 - a) < r) ratio <= sqrt((1 - a^2) / pieces)`, `ratio` the range of the readings over the
-/// deviation of the noise: what the start values leave in all pieces together is then about one deviation.
+/// The least b with `P(Bin(b, 1 - a) < r) ratio <= sqrt((1 - a^2) / pieces)`, `ratio` the range of the readings over
+/// the deviation of the noise: what the start values leave in all pieces together is then about one deviation.
 ///
 /// # Errors
 /// [`Error::Value`] for a pole outside (0, 1), a ratio that is negative or not finite, or b > `LARGEST`;
@@ -45,8 +45,8 @@ pub(super) fn burn(pole: f64, count: usize, ratio: f64, pieces: usize, stop: &St
     Ok(b)
 }
 
-/// The largest range of a reading over the deviation of its noise, in the `pairs` (y, u, y one step later), `first` as in
-/// [`Window::rows`]; the noise is that of a model of lags.
+/// The largest range of a reading over the deviation of its noise, in the `pairs` (y, u, y one step later), `first` as
+/// in [`Window::rows`]; the noise is that of a model of lags.
 ///
 /// # Errors
 /// As [`fit`].

@@ -1,8 +1,10 @@
-//! What is known of a window of which readings may be missing: a Kalman filter, for which a reading that came has no error.
+//! What is known of a window of which readings may be missing: a Kalman filter, for which a reading that came has no
+//! error.
 //!
-//! `x+ = A_s x + G y + ..` with `y = C x + .. + w`: given those y that came the error of (x, y) has a smaller covariance, in
-//! which they are 0; `(A_s, G)` takes it one step on. Begun at the first reading, with the range and the deviation of each
-//! signal as its error. Where all readings came and nothing was missing before, it is the window of the model itself.
+//! `x+ = A_s x + G y + ..` with `y = C x + .. + w`: given those y that came the error of (x, y) has a smaller
+//! covariance, in which they are 0; `(A_s, G)` takes it one step on. Begun at the first reading, with the range and the
+//! deviation of each signal as its error. Where all readings came and nothing was missing before, it is the window of
+//! the model itself.
 
 use std::mem::take;
 
@@ -136,9 +138,9 @@ impl Room {
 }
 
 impl Filter {
-    /// Of a model `theta` (p, d) with the covariance `noise` of its residuals (p, p); `mean`: of each output (p), taken where a
-    /// first reading is missing; `wide`: by how much each output, then each input, may be off before the first reading, its
-    /// largest value away from the mean for example (p + m).
+    /// Of a model `theta` (p, d) with the covariance `noise` of its residuals (p, p); `mean`: of each output (p), taken
+    /// where a first reading is missing; `wide`: by how much each output, then each input, may be off before the first
+    /// reading, its largest value away from the mean for example (p + m).
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`].

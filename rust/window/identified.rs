@@ -47,11 +47,12 @@ pub struct Identified {
 }
 
 impl Identified {
-    /// The model of a log, or what else is found of a model whose triangle is `made` already; `known` entries as in [`Data`].
+    /// The model of a log, or what else is found of a model whose triangle is `made` already; `known` entries as in
+    /// [`Data`].
     ///
     /// # Errors
-    /// [`Error::Value`] for pairs that are too few for a window, or to choose one; [`Error::Overflow`] for their squares; and
-    /// those of [`Estimate::new`] and [`residual_checks`].
+    /// [`Error::Value`] for pairs that are too few for a window, or to choose one; [`Error::Overflow`] for their
+    /// squares; and those of [`Estimate::new`] and [`residual_checks`].
     pub fn new(
         of: &Declarations<'_>,
         known: Option<&[f64]>,
@@ -137,8 +138,8 @@ impl Identified {
     }
 }
 
-/// Spikes that the tests of the fit do not see: those of the first part, which tells the window and the scale, and those that
-/// filters remember, by a model of lags.
+/// Spikes that the tests of the fit do not see: those of the first part, which tells the window and the scale, and
+/// those that filters remember, by a model of lags.
 fn spikes(
     of: &Declarations<'_>,
     window: &Window,

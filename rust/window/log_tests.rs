@@ -99,8 +99,8 @@ pub struct Declarations<'a> {
     pub noise: Option<Declared<'a>>,
 }
 
-/// All tests that the pairs allow, of each name the one with the smallest probability, for least squares of those behind the
-/// `first` ones.
+/// All tests that the pairs allow, of each name the one with the smallest probability, for least squares of those
+/// behind the `first` ones.
 pub(super) fn log_tests(
     of: &Declarations<'_>,
     window: &Window,
@@ -326,8 +326,8 @@ fn follow(raw: Log<'_>, at: &[usize], rows: &[f64], width: usize, stop: &Stop) -
 
 /// What the row before explains of an input beside the state.
 ///
-/// With `u = K x + d` of a feedback the next input explains, too, through the next state; but then u(k) depends on x(k) alone,
-/// in rows that hold the state after their action on the one before.
+/// With `u = K x + d` of a feedback the next input explains, too, through the next state; but then u(k) depends on x(k)
+/// alone, in rows that hold the state after their action on the one before.
 fn late_actions(log: Log<'_>, stop: &Stop) -> Result<Option<Test>> {
     let (mut rows, mut extra) = (Vec::new(), Vec::new());
     for t in (0..log.size()).filter(|&t| log.places[t] > 0) {
@@ -391,8 +391,8 @@ fn one_limit(raw: Log<'_>, short: &[usize], last: &[bool]) -> bool {
 
 /// Whether starts depend on the noise of the run before, as those of pieces of one log do.
 ///
-/// `eta = sum A^(T-1-k) e(k)` is the part of noise in the end of a run: beside a constant and the rest of that end, which may
-/// be by plan, it must not explain the next start.
+/// `eta = sum A^(T-1-k) e(k)` is the part of noise in the end of a run: beside a constant and the rest of that end,
+/// which may be by plan, it must not explain the next start.
 fn starts(raw: Log<'_>, intercept: bool, stop: &Stop) -> Result<Option<Test>> {
     let (n, ends) = (raw.n, raw.ends()?);
     let begins = |t: usize| t == 0 || raw.runs[t] != raw.runs[t - 1];

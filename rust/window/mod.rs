@@ -1,4 +1,5 @@
-//! Models from readings of a part of the states: `y(t+1) = Theta z_t + w(t+1)`, z_t a window of what was read and put in.
+//! Models from readings of a part of the states: `y(t+1) = Theta z_t + w(t+1)`, z_t a window of what was read and put
+//! in.
 //!
 //! ```text
 //! lags      z = (y_t .. y_{t-p+1}, u_{t-D} .. u_{t-D-p+1}, [1])

@@ -65,12 +65,12 @@ impl Family {
     }
 }
 
-/// The least `N log det(S / N) + 2 n_y d` over rows that all windows have, then `ceil(1.5 r) + 1` for r: windows that are
-/// too short break every statement, those that are too long only widen it.
+/// The least `N log det(S / N) + 2 n_y d` over rows that all windows have, then `ceil(1.5 r) + 1` for r: windows that
+/// are too short break every statement, those that are too long only widen it.
 ///
-/// Windows of which more than half of the median piece would only fill the filters are left out, and those with fewer than
-/// two rows for each unknown. Where that leaves none, since the longest window leaves too few rows to compare, those that
-/// take more than a quarter of the rows to fill are left out as well.
+/// Windows of which more than half of the median piece would only fill the filters are left out, and those with fewer
+/// than two rows for each unknown. Where that leaves none, since the longest window leaves too few rows to compare,
+/// those that take more than a quarter of the rows to fill are left out as well.
 ///
 /// # Errors
 /// [`Error::Value`] where the `pairs` are too few for any window; as [`Window::rows`] and [`fit`].

@@ -28,8 +28,8 @@ fn parted(log: &Log<'_>, window: &Window, first: usize) -> Result<(Vec<f64>, usi
     Ok((rows, at.partition_point(|&t| t < first) * (window.length() + log.n)))
 }
 
-/// The size of the errors of the last `count` of the first rows by a fit of those before, of all outputs in their units; infinite
-/// where nothing is fitted.
+/// The size of the errors of the last `count` of the first rows by a fit of those before, of all outputs in their
+/// units; infinite where nothing is fitted.
 fn size(log: &Log<'_>, window: &Window, first: usize, count: usize, stop: &Stop) -> Result<f64> {
     let ((rows, end), n, d) = (parted(log, window, first)?, log.n, window.length());
     let (rows, width) = (&rows[..end], d + n);
@@ -49,9 +49,11 @@ fn size(log: &Log<'_>, window: &Window, first: usize, count: usize, stop: &Stop)
     Ok((log_det(&square, n)? / (2 * n) as f64).exp())
 }
 
-/// Whether filters, of which the first pairs chose so many, predict the last quarter of these much worse than a few lags.
+/// Whether filters, of which the first pairs chose so many, predict the last quarter of these much worse than a few
+/// lags.
 ///
-/// Both are fitted to those before. A criterion counts unknowns, while slow filters of a short log follow whatever went on in it.
+/// Both are fitted to those before. A criterion counts unknowns, while slow filters of a short log follow whatever went
+/// on in it.
 pub(super) fn overfitted(log: &Log<'_>, window: &Window, chosen: usize, first: usize, stop: &Stop) -> Result<bool> {
     let Some(pole) = window.pole() else { return Ok(false) };
     let burn = window.fill() - window.delay();

@@ -34,8 +34,8 @@ pub struct Window {
 }
 
 impl Window {
-    /// A window of `outputs` readings and `inputs` inputs that act `delay` steps later; `burn` are the rows that fill the
-    /// filters at the start of a piece. Lags fill by themselves.
+    /// A window of `outputs` readings and `inputs` inputs that act `delay` steps later; `burn` are the rows that fill
+    /// the filters at the start of a piece. Lags fill by themselves.
     ///
     /// # Errors
     /// [`Error::Value`] for sizes of 0 or out of range, or a pole outside (0, 1).
@@ -138,8 +138,8 @@ impl Window {
         self.fill
     }
 
-    /// How many steps back the first reading and the first input are that are not in z, `far` where all of the past is, and how
-    /// many inputs are later than all that are.
+    /// How many steps back the first reading and the first input are that are not in z, `far` where all of the past is,
+    /// and how many inputs are later than all that are.
     #[must_use]
     pub const fn beyond(&self, far: usize) -> (usize, usize, usize) {
         match self.kind {
@@ -173,8 +173,8 @@ impl Window {
         acting.chunks_exact_mut(self.inputs).for_each(|to| to.copy_from_slice(u));
     }
 
-    /// What x differs by from that at rest where outputs and inputs rise by `y` and `u` in a step: `-lag` times these, of filter j
-    /// `a / (1 - a) + (j - 1) / (1 - a)`.
+    /// What x differs by from that at rest where outputs and inputs rise by `y` and `u` in a step: `-lag` times these,
+    /// of filter j `a / (1 - a) + (j - 1) / (1 - a)`.
     pub(crate) fn ramp(&self, y: &[f64], u: &[f64], x: &mut [f64]) {
         let (past, acting) = x.split_at_mut(self.count() * self.outputs);
         let (lag, filters) = match self.kind {
@@ -233,7 +233,8 @@ impl Window {
         }
     }
 
-    /// The rows (z, y one step later) of `pairs` (y, u, y one step later), and the places of the pairs that they belong to.
+    /// The rows (z, y one step later) of `pairs` (y, u, y one step later), and the places of the pairs that they belong
+    /// to.
     ///
     /// `first[t]` says whether pair t does not follow on the one before it: the window then starts anew.
     ///
@@ -294,7 +295,8 @@ impl Window {
     }
 }
 
-/// One step of filters in a row: each is `pole` of itself and `1 - pole` of the one before it, the first of what arrives.
+/// One step of filters in a row: each is `pole` of itself and `1 - pole` of the one before it, the first of what
+/// arrives.
 fn shift(xi: &mut [f64], arriving: &[f64], pole: f64) {
     let width = arriving.len();
     for at in (0..xi.len()).rev() {

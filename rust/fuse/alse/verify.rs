@@ -10,8 +10,8 @@ use crate::parallel::Stop;
 
 /// Makes `weights` feasible and certifies them.
 ///
-/// With `r = S w - E*` and `f' = 2 S^T r`, the gap is `<f', w> - min_i f'_i` on the simplex; on the sub-simplex the origin
-/// is a vertex too. By convexity `f(w) - min f <= gap`.
+/// With `r = S w - E*` and `f' = 2 S^T r`, the gap is `<f', w> - min_i f'_i` on the simplex; on the sub-simplex the
+/// origin is a vertex too. By convexity `f(w) - min f <= gap`.
 pub(super) fn verify(
     realizations: &impl Realizations,
     proposal: Proposal,
@@ -31,7 +31,8 @@ pub(super) fn verify(
     let vertex = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
     let smallest = gradient.iter().fold(vertex, |m, g| m.min(g / scale));
     let at_solution: f64 = gradient.iter().zip(&weights).map(|(g, w)| g / scale * w).sum();
-    // r and its products are rounded: eps (||r|| (entries + 2) + 4 size) in units of scale, for a realization of that size
+    // r and its products are rounded: eps (||r|| (entries + 2) + 4 size) in units of scale, for a realization of that
+    // size
     let size = norm / scale;
     let far = residual.iter().fold(0.0, |far: f64, r| far.hypot(*r));
     let rounding = f64::EPSILON * size * (far * (target.len() + 2) as f64 + 4.0 * size);

@@ -64,7 +64,8 @@ pub(crate) fn certify(op: &dyn Operator, target: &[f64], w: &[f64]) -> Result<Ce
     let off = ((sum.value() - 1.0) * at.0).abs() + f64::EPSILON * rounding * largest;
     let (objective, rest) = dot(&residual, &residual);
 
-    // Each entry of S w is a sum of products rounded at most once per factor: a few units in the last place of the target.
+    // Each entry of S w is a sum of products rounded at most once per factor: a few units in the last place of the
+    // target.
     let size = crate::vector::norm(target).max(crate::vector::norm(&image));
     Ok(Certificate {
         objective: objective + rest,

@@ -6,8 +6,8 @@
 //! 1. `problem`: sizes and indices are checked; [`solve`] scales by a power of two;
 //! 2. `relaxed_target`: the target is replaced by its projection on the affine hull, exactly;
 //! 3. `sifting`: with far more realizations than dimensions, a subset is solved and certified on all;
-//! 4. `run_sequence`: `newton_cg` up to 1.05 realizations per dimension, `proximal::direct` above 1.9, `proximal::augmented`
-//!    between and if they fail, then `active_set` once the support is nearly found;
+//! 4. `run_sequence`: `newton_cg` up to 1.05 realizations per dimension, `proximal::direct` above 1.9,
+//!    `proximal::augmented` between and if they fail, then `active_set` once the support is nearly found;
 //! 5. `certificate`: gap and bounds are recomputed from the data, in compensated arithmetic, and give the `status`.
 
 mod active_set;

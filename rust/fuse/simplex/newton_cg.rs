@@ -119,7 +119,8 @@ pub(crate) fn solve(
         let step = conjugate_gradients(&hessian, &gradient, &inverse, eta, most, budget, work)?;
         work.newton += 1;
 
-        // Armijo on the projected arc; the decrease of the quadratic is evaluated from the step itself (no cancellation):
+        // Armijo on the projected arc; the decrease of the quadratic is evaluated from the step itself (no
+        // cancellation):
         //   f(w + dw) - f(w) = <g, dw> + 1/2 ||S dw - (1^T dw) q||^2 + kappa/2 (1^T dw)^2
         let mut length = 1.0;
         let mut dw = try_zeros(SEARCH, free.len())?;

@@ -9,8 +9,8 @@ use crate::error::Result;
 
 /// The linear map `S w = sum_i w_i E_i` of an ensemble of `size` realizations in a space of `dim` entries.
 ///
-/// The last realization may be the zero matrix (`weights = "subsimplex"`: `sum w <= 1` is the simplex with one more, empty,
-/// realization); the implementations carry it without storing it.
+/// The last realization may be the zero matrix (`weights = "subsimplex"`: `sum w <= 1` is the simplex with one more,
+/// empty, realization); the implementations carry it without storing it.
 pub(crate) trait Operator: Sync {
     /// Number of realizations, the zero realization included.
     fn size(&self) -> usize;

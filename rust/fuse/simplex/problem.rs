@@ -62,8 +62,8 @@ impl std::error::Error for Invalid {}
 
 /// Realizations with one nonzero per line, in sign-free form.
 ///
-/// Realization `i` has the value `g[j]` at place `R_ij` of line `j`; `target` is line-major, `lines x length`, with the signs of
-/// the law divided out: `sign_k * t_k` on the support of the law, the raw value elsewhere.
+/// Realization `i` has the value `g[j]` at place `R_ij` of line `j`; `target` is line-major, `lines x length`, with the
+/// signs of the law divided out: `sign_k * t_k` on the support of the law, the raw value elsewhere.
 #[derive(Clone, Copy, Debug)]
 pub struct SingletonProblem<'a> {
     pub(super) indices: IndexView<'a>,

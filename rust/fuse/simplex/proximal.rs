@@ -17,8 +17,8 @@ use crate::error::Result;
 use crate::memory::{try_copy, try_filled, try_room};
 use crate::vector::norm;
 
-/// A proximal step moves the centre by `1 + RELAXATION` times itself (below 2 it converges: Eckstein and Bertsekas, Math.
-/// Program. 55, 1992).
+/// A proximal step moves the centre by `1 + RELAXATION` times itself (below 2 it converges: Eckstein and Bertsekas,
+/// Math. Program. 55, 1992).
 const RELAXATION: f64 = 0.4;
 /// Changes of the support still to come, for each in the last proximal step (measured).
 const STEPS: f64 = 5.0;
@@ -77,9 +77,9 @@ pub(crate) fn direct(set: &Setting, budget: &mut Budget, work: &mut Work) -> Res
 /// The proximal point method with a decreasing sequence of `mu`, over-relaxed.
 ///
 /// Once the support is known, the remaining steps are many and alike, so other methods take over. Newton-CG is tried
-/// when the support has not changed, with a share of the cost so far. The method ends before convergence, as soon as the
-/// active set method is expected to finish for `EAGER` times the cost so far. Returns the best weights, and the last ones
-/// as its start.
+/// when the support has not changed, with a share of the cost so far. The method ends before convergence, as soon as
+/// the active set method is expected to finish for `EAGER` times the cost so far. Returns the best weights, and the
+/// last ones as its start.
 pub(crate) fn augmented(set: &Setting, budget: &mut Budget, work: &mut Work) -> Result<(Iterate, Vec<f64>)> {
     let n = set.op.size();
     let mut center = try_filled(SEARCH, 1.0 / n as f64, n)?;

@@ -1,9 +1,9 @@
 //! Exact target replacement for singleton ensembles.
 //!
-//! Every `S w` with `w` in the simplex lies in the affine set "line sums `g_j`, zero where no sample has hit". With `q` the
-//! projection of the target `e` on that set, Pythagoras gives `||S w - e||^2 = ||S w - q||^2 + ||q - e||^2` *exactly*, and
-//! `S^T (q - e)` is a constant vector, so the gap does not change either. On hit entries, `sigma_j` the sum of the target over
-//! the `h_j` hit entries of line `j`:
+//! Every `S w` with `w` in the simplex lies in the affine set "line sums `g_j`, zero where no sample has hit". With `q`
+//! the projection of the target `e` on that set, Pythagoras gives `||S w - e||^2 = ||S w - q||^2 + ||q - e||^2`
+//! *exactly*, and `S^T (q - e)` is a constant vector, so the gap does not change either. On hit entries, `sigma_j` the
+//! sum of the target over the `h_j` hit entries of line `j`:
 //!
 //! ```text
 //! q_jr = e_jr + (s g_j - sigma_j) / h_j       s = 1

@@ -9,9 +9,9 @@ use super::semismooth::{self, Setting};
 use super::task::{Found, Iterate, Task, Work, start_or_uniform};
 use crate::error::Result;
 
-/// Realizations per dimension up to which projected Newton-CG goes first. At N = 1.1 d, d = 1000, dense, going first takes
-/// it 384 ms instead of 30 ms for a far target, and half the time of the others for two easier ones; 1.3 s instead of 1.0 s
-/// for four problems.
+/// Realizations per dimension up to which projected Newton-CG goes first. At N = 1.1 d, d = 1000, dense, going first
+/// takes it 384 ms instead of 30 ms for a far target, and half the time of the others for two easier ones; 1.3 s
+/// instead of 1.0 s for four problems.
 const NEWTON_CG_TO: f64 = 1.05;
 /// Realizations per dimension from which `S w = q` is tried: half of all centred point clouds of `2 d` points contain
 /// their centre (Wendel, Math. Scand. 11, 1962), hardly any with fewer points.

@@ -70,8 +70,8 @@ pub(crate) fn polish(
 
 /// The solution if only one line has a nonzero weight (in particular if there is only one).
 ///
-/// The marginal `Y` on the hit entries is the projection of `target / g` on the simplex (subsimplex: clip, project only if the sum
-/// exceeds one), shared equally among the realizations that hit the entry.
+/// The marginal `Y` on the hit entries is the projection of `target / g` on the simplex (subsimplex: clip, project only
+/// if the sum exceeds one), shared equally among the realizations that hit the entry.
 pub(crate) fn closed_form<I: crate::sample::Index>(
     op: &Singletons<I>,
     target: &[f64],

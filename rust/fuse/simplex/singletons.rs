@@ -1,9 +1,10 @@
 //! Ensembles with one nonzero per line, held as indices: `E_i = sum_j g_j * unit(j, R_ij)`.
 //!
-//! Sign-free form: the caller flips entry `(j, r)` of the target by the sign the law puts there, so that all nonzeros are
-//! `g_j >= 0`. The matrix is stored line by line, entry `k = j * length + r`. Products need no sparse matrix:
+//! Sign-free form: the caller flips entry `(j, r)` of the target by the sign the law puts there, so that all nonzeros
+//! are `g_j >= 0`. The matrix is stored line by line, entry `k = j * length + r`. Products need no sparse matrix:
 //!
-//! * `S^T y`: a gather, `(S^T y)_i = sum_j T[j * length + R_ij]` from the table `T = g_j y_jr` multiplied once per pass;
+//! * `S^T y`: a gather, `(S^T y)_i = sum_j T[j * length + R_ij]` from the table `T = g_j y_jr` multiplied once per
+//!   pass;
 //! * `S w`: a scatter, `c[j * length + R_ij] += w_i`, multiplied by `g_j` once at the end.
 
 use std::borrow::Cow;
@@ -263,8 +264,9 @@ impl<I: Index> Operator for Singletons<'_, I> {
 
 /// The exact diagonal blocks of `S (I - 11^T/K) S^T + mu I`, one per line.
 ///
-/// Within line `j` two realizations overlap only if they hit the same entry, so `S_j S_j^T = g_j^2 diag(c)` with the counts `c`:
-/// the block is `D - u u^T / K`, `D = g_j^2 c + mu`, `u = g_j c`, inverted by Sherman and Morrison in `O(length)`.
+/// Within line `j` two realizations overlap only if they hit the same entry, so `S_j S_j^T = g_j^2 diag(c)` with the
+/// counts `c`: the block is `D - u u^T / K`, `D = g_j^2 c + mu`, `u = g_j c`, inverted by Sherman and Morrison in
+/// `O(length)`.
 pub(crate) struct CountBlock {
     /// `1 / D`
     inverse: Vec<f64>,

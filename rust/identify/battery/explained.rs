@@ -61,12 +61,13 @@ pub struct Explained {
     pub each: Vec<f64>,
 }
 
-/// The test of q columns: `left` (q, q), the products of what the regressors leave of them, `own` (q) the squares of all of
-/// them, `along` (q, n) their products with the residuals. None where nothing is left of them, or of the pairs.
+/// The test of q columns: `left` (q, q), the products of what the regressors leave of them, `own` (q) the squares of
+/// all of them, `along` (q, n) their products with the residuals. None where nothing is left of them, or of the pairs.
 ///
-/// With `X = along' left^+ along` Wilks' Lambda is `det(S - X) / det S`, and by Rao (1951) `(L^(-1/t) - 1) b / a ~ F(a, b)`,
-/// `a = p q`, `t^2 = (p^2 q^2 - 4) / (p^2 + q^2 - 5)`, `b = t (nu - (p - q + 1) / 2) - (p q - 2) / 2` with nu degrees of
-/// freedom beside all columns; exact for p or q up to 2.
+/// With `X = along' left^+ along` Wilks' Lambda is `det(S - X) / det S`, and by Rao (1951)
+/// `(L^(-1/t) - 1) b / a ~ F(a, b)`, `a = p q`, `t^2 = (p^2 q^2 - 4) / (p^2 + q^2 - 5)`,
+/// `b = t (nu - (p - q + 1) / 2) - (p q - 2) / 2` with nu degrees of freedom beside all columns; exact for p or q up to
+/// 2.
 pub(super) fn explained(left: &[f64], own: &[f64], along: &[f64], of: &Outcomes<'_>) -> Result<Option<Explained>> {
     let (q, n, p) = (own.len(), of.n, of.p);
     let Some(rows) = halved(left, own, along, n)? else { return Ok(None) };
@@ -106,7 +107,8 @@ pub(super) fn explained(left: &[f64], own: &[f64], along: &[f64], of: &Outcomes<
     Ok(Some(Explained { p_value, share: -(log_lambda / pf).exp_m1(), each }))
 }
 
-/// `U` (rank, n) with `U' U = along' left^+ along`: Cholesky with pivots, on columns of length 1. None without a column.
+/// `U` (rank, n) with `U' U = along' left^+ along`: Cholesky with pivots, on columns of length 1. None without a
+/// column.
 pub(super) fn halved(left: &[f64], own: &[f64], along: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
     let q = own.len();
     let (mut k, mut b) = (try_copy(WHAT, left)?, try_copy(WHAT, along)?);

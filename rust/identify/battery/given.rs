@@ -33,8 +33,8 @@ pub struct Given<'a> {
     pub inputs_at: usize,
     /// Whether the last regressor is 1.
     pub intercept: bool,
-    /// How many steps back the first reading and the first input are that are no regressors, and how many inputs are later
-    /// than all that are.
+    /// How many steps back the first reading and the first input are that are no regressors, and how many inputs are
+    /// later than all that are.
     pub beyond: (usize, usize, usize),
     /// More columns in their place (N, any).
     pub extra: Option<&'a [f64]>,

@@ -1,8 +1,9 @@
 //! Tests of a model of logged pairs: what the residuals must not depend on, in one pass over the pairs.
 //!
 //! Columns that no linear model with white noise needs (earlier inputs, the next one, a constant, one half of the data,
-//! squares, cubes and signs, drift over a run, ends of ranges) are added to the regressors, and what they explain is tested by Rao's F, whose level
-//! is exact for regressors independent of Gaussian noise. The same in NumPy is `tests/python/twin/battery.py`.
+//! squares, cubes and signs, drift over a run, ends of ranges) are added to the regressors, and what they explain is
+//! tested by Rao's F, whose level is exact for regressors independent of Gaussian noise. The same in NumPy is
+//! `tests/python/twin/battery.py`.
 
 mod columns;
 mod explained;

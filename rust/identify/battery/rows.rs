@@ -20,8 +20,8 @@ const JUMP: f64 = 0.5;
 
 /// Rows with residuals that Gaussian noise does not have: what they are, and whether they move the model.
 ///
-/// The largest part: `e' S^-1 e / (1 - h) ~ Beta(p / 2, (nu - p) / 2)`, with the union over all rows; and Mardia's kurtosis,
-/// which many large ones raise that hide each other in S.
+/// The largest part: `e' S^-1 e / (1 - h) ~ Beta(p / 2, (nu - p) / 2)`, with the union over all rows; and Mardia's
+/// kurtosis, which many large ones raise that hide each other in S.
 pub(super) fn outliers(
     given: &Given<'_>,
     of: &Outcomes<'_>,
@@ -132,9 +132,10 @@ impl Robust {
         Ok(self.nu * dot(&white, &white) / self.scale)
     }
 
-    /// Readings that jump there and back: the residual behind a row that is off is `-A e` of it, as of an error of the reading
-    /// between them, and not noise of its own, as after a shock. With `s = ||A e||` in deviations the squares differ by
-    /// `s (s + 2 w)`, by `-s (s + 2 w)` after a shock: above c with a probability of at most `P(w > sqrt(c))`.
+    /// Readings that jump there and back: the residual behind a row that is off is `-A e` of it, as of an error of the
+    /// reading between them, and not noise of its own, as after a shock. With `s = ||A e||` in deviations the squares
+    /// differ by `s (s + 2 w)`, by `-s (s + 2 w)` after a shock: above c with a probability of at most
+    /// `P(w > sqrt(c))`.
     fn spikes(&self, given: &Given<'_>, off: &[usize]) -> Result<Vec<usize>> {
         let (d, n) = (given.d, given.n);
         let mut found = Vec::new();
@@ -206,8 +207,8 @@ fn jumps(given: &Given<'_>, off: &[usize]) -> Result<Option<(usize, f64)>> {
     Ok(None)
 }
 
-/// Pairs that are equal to the last bit: noise does not repeat. Where readings are rounded, outcomes are also equal after
-/// unlike states and inputs; and pairs at rest are.
+/// Pairs that are equal to the last bit: noise does not repeat. Where readings are rounded, outcomes are also equal
+/// after unlike states and inputs; and pairs at rest are.
 pub(super) fn equal(given: &Given<'_>, tests: &mut Vec<Test>) -> Result<()> {
     let (n, m) = (given.n, given.m);
     let moving = |t: &usize| {

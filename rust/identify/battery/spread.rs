@@ -25,10 +25,10 @@ pub enum Declared<'a> {
 
 /// Tests of the sum of squares S (n, n) of the residuals of so many pairs and degrees of freedom.
 ///
-/// Gaussian: `tr(Sigma^-1 S) <= ||w||^2 ~ chi2_{n N}` and the same of each state, for any design, since least squares only
-/// takes away. Sub-Gaussian: `P(||w||^2 > k + 2 sqrt(k t) + 2 t) <= exp(-t)`, `k = n N` (Hsu, Kakade and Zhang 2012).
-/// Bounded: `tr S <= N sigma^2`. "scalar": Mauchly's likelihood ratio, "diagonal": `det` of the correlations, both with
-/// Bartlett's factor.
+/// Gaussian: `tr(Sigma^-1 S) <= ||w||^2 ~ chi2_{n N}` and the same of each state, for any design, since least squares
+/// only takes away. Sub-Gaussian: `P(||w||^2 > k + 2 sqrt(k t) + 2 t) <= exp(-t)`, `k = n N` (Hsu, Kakade and Zhang
+/// 2012). Bounded: `tr S <= N sigma^2`. "scalar": Mauchly's likelihood ratio, "diagonal": `det` of the correlations,
+/// both with Bartlett's factor.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::Memory`].
@@ -122,8 +122,8 @@ fn whitened(squares: &[f64], known: &[f64], n: usize) -> Result<(f64, usize)> {
 
 /// Whether the squares of residuals depend on leverage, time, large signals, or the run.
 ///
-/// `(s / p)^(1/3)` of the part s of each row in the sum of squares is nearly normal (Wilson and Hilferty 1931), so that F
-/// has its level, which it has not for s itself where few rows have large signals.
+/// `(s / p)^(1/3)` of the part s of each row in the sum of squares is nearly normal (Wilson and Hilferty 1931), so that
+/// F has its level, which it has not for s itself where few rows have large signals.
 pub(super) fn variance(given: &Given<'_>, sums: &Sums<'_>, tests: &mut Vec<Test>) -> Result<()> {
     let (size, signals) = (given.size(), &sums.columns.signals);
     let mut size_of = try_copy(WHAT, &sums.parts)?;

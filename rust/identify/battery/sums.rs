@@ -294,8 +294,8 @@ impl<'a> Sums<'a> {
     /// Tests one group of columns on the rows that have them.
     ///
     /// Least squares without rows O: with `V = I - sum_O q q'` and `f = sum q e' - sum_O q e'` the regressors leave
-    /// `sum c c' - b' V^-1 b` of columns c with `b = sum q c'`, `sum c e' - b' V^-1 f` of their products with residuals, and
-    /// `S - sum_O e e' - f' V^-1 f` of these.
+    /// `sum c c' - b' V^-1 b` of columns c with `b = sum q c'`, `sum c e' - b' V^-1 f` of their products with
+    /// residuals, and `S - sum_O e e' - f' V^-1 f` of these.
     fn group(&self, at: usize, given: &Given<'_>, of: &Outcomes<'_>) -> Result<Option<Explained>> {
         let (kind, from, count) = self.columns.groups[at];
         let (n, width, rank) = (given.n, self.columns.width, given.fitted.rank());

@@ -42,8 +42,8 @@ impl Dense {
         solve_block(&self.factor, &self.free, &mut self.work, v);
     }
 
-    /// `v <- v - (H^{-1})_{:W} ((H^{-1})_{WW})^{-1} (v_W - b)`: of `v = H^{-1} f` the solution of `H u = f - lambda` with
-    /// `u_W = b`; `free` names `W` here.
+    /// `v <- v - (H^{-1})_{:W} ((H^{-1})_{WW})^{-1} (v_W - b)`: of `v = H^{-1} f` the solution of `H u = f - lambda`
+    /// with `u_W = b`; `free` names `W` here.
     fn limit(&mut self, v: &mut [f64], b: impl Fn(usize) -> f64) {
         let (ld, limits) = (self.ld, &self.free);
         let work = &mut self.work[..padded(limits.len())];

@@ -4,8 +4,8 @@
 //! J(u) = (u - f)'H (u - f) + constant,    f = F x0 + g
 //! ```
 //!
-//! `-H^-1 q` minimises `u'H u + 2 q'u`: the best inputs of the horizon from 0 with a linear cost q. So all columns of `H^-1`,
-//! F and g are roll-outs of one feedback, whose rounding does not grow with the powers of A.
+//! `-H^-1 q` minimises `u'H u + 2 q'u`: the best inputs of the horizon from 0 with a linear cost q. So all columns of
+//! `H^-1`, F and g are roll-outs of one feedback, whose rounding does not grow with the powers of A.
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
@@ -19,8 +19,8 @@ type Matrix = Mat<f64>;
 /// What a horizon is without its limits, for its inputs and the states that have limits; matrices row by row.
 #[derive(Debug)]
 pub struct Condensed {
-    /// The lower triangle of `H^-1`, of `C H^-1 C'` with states, `C = [I; G]`. Of states whose limits are soft with weight w,
-    /// `1 / w` is added to the diagonal: what is beyond a limit is then one more variable.
+    /// The lower triangle of `H^-1`, of `C H^-1 C'` with states, `C = [I; G]`. Of states whose limits are soft with
+    /// weight w, `1 / w` is added to the diagonal: what is beyond a limit is then one more variable.
     pub inverse: Vec<f64>,
     /// F (K m + states, n).
     pub map: Vec<f64>,
@@ -79,8 +79,8 @@ impl Horizon {
         Ok(Condensed { inverse, map, offset })
     }
 
-    /// The best inputs for each unit vector q of inputs and of these states, each unit vector x0, and the reference with the
-    /// offset.
+    /// The best inputs for each unit vector q of inputs and of these states, each unit vector x0, and the reference
+    /// with the offset.
     fn rolled_out(&self, states: &[usize], wide: usize) -> Result<Ways> {
         let (n, m, d) = (self.n, self.m, self.steps * self.m);
         let of = |values: &[f64], rows, cols| MatRef::from_row_major_slice(values, rows, cols).to_owned();

@@ -90,9 +90,9 @@ impl<'a> Problem<'a> {
 }
 
 impl Horizon {
-    /// `||P_Q (b^ - b)||_Q` for the runs, P_Q onto the range of the map, `b_k = r(k) - A^k x0`; with soft limits of states
-    /// `||dc||_W + ||dr||_Q`, `c_k = A^k x0`. `values` are the exact `x0` and `xf`; `rows`: lines of `A` are rows; `paired`:
-    /// as in [`Plans`].
+    /// `||P_Q (b^ - b)||_Q` for the runs, P_Q onto the range of the map, `b_k = r(k) - A^k x0`; with soft limits of
+    /// states `||dc||_W + ||dr||_Q`, `c_k = A^k x0`. `values` are the exact `x0` and `xf`; `rows`: lines of `A` are
+    /// rows; `paired`: as in [`Plans`].
     ///
     /// # Errors
     /// As [`Plans::errors`].
@@ -173,8 +173,8 @@ impl Horizon {
     }
 
     /// `||M (u - v)||`, `||u - v||_2` and `J(u) - J(v)` for the runs: v is the best of the exact system, u that of the
-    /// estimates which the run draws. With `follows` all references are the `xf` of the run. Without an R of the task (`auto`)
-    /// each run has its own, in u and in v.
+    /// estimates which the run draws. With `follows` all references are the `xf` of the run. Without an R of the task
+    /// (`auto`) each run has its own, in u and in v.
     ///
     /// # Errors
     /// As [`Plans::errors`] and [`super::super::box_batch`].

@@ -165,8 +165,8 @@ impl Horizon {
         Ok(squares.sqrt() + product(self.weights(false)?.iter().sum::<f64>().sqrt(), ef))
     }
 
-    /// A bound of `||P_Q (b^ - b)||_Q` from bounds of the errors of `x0`, `xf` and `A`; over several steps `A` is exact.
-    /// With soft limits of `||dc||_W + ||dr||_Q`. `estimate`: `A^` and `x0^`.
+    /// A bound of `||P_Q (b^ - b)||_Q` from bounds of the errors of `x0`, `xf` and `A`; over several steps `A` is
+    /// exact. With soft limits of `||dc||_W + ||dr||_Q`. `estimate`: `A^` and `x0^`.
     ///
     /// # Errors
     /// As [`Self::powers`].

@@ -16,8 +16,8 @@ pub(super) const WHAT: &str = "the control within limits";
 /// `R` of a task without one: this share of the mean eigenvalue of `G'QG`.
 pub(super) const REGULAR: f64 = 1e-8;
 
-/// From this many inputs on the recursion of Riccati is faster than the condensed map, unless its work, `n^2 (3 n + 4 m)`
-/// for each step and factorization, is larger.
+/// From this many inputs on the recursion of Riccati is faster than the condensed map, unless its work,
+/// `n^2 (3 n + 4 m)` for each step and factorization, is larger.
 const LONG: usize = 250;
 /// From this growth of the powers of `A` on states and inputs are kept together: `J` has lost 8 of its 16 digits in the
 /// condensed map.
@@ -29,8 +29,8 @@ const UNEQUAL: f64 = 1e-9;
 /// Factorizations that are usual.
 const FACTORS: usize = 8;
 
-/// What the inputs of K steps minimise, and their limits; matrices row by row. K is the number of rows of `reference`; weights
-/// are Q, not their roots, which [`crate::fleet::Units`] takes.
+/// What the inputs of K steps minimise, and their limits; matrices row by row. K is the number of rows of `reference`;
+/// weights are Q, not their roots, which [`crate::fleet::Units`] takes.
 #[derive(Debug, Clone, Default)]
 pub struct Task {
     /// Limits of the inputs (K, m), infinite where there is none.
@@ -175,9 +175,9 @@ impl Horizon {
     /// `A` (n, n), `B` (n, m), and the offset `c` (n) if there is one.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits without a number between them and for weights that
-    /// are not symmetric or have an eigenvalue below 0, [`Error::Overflow`], [`Error::Numerical`] for the root of a weight,
-    /// [`Error::Memory`].
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits without a number between them and for
+    /// weights that are not symmetric or have an eigenvalue below 0, [`Error::Overflow`], [`Error::Numerical`] for the
+    /// root of a weight, [`Error::Memory`].
     pub fn new<'a>(
         a: impl Into<MatrixView<'a>>,
         b: impl Into<MatrixView<'a>>,

@@ -1,9 +1,10 @@
-//! The plans of a loop with limits of rates and states: no call allocates, starts a thread or factors more than is foreseen.
+//! The plans of a loop with limits of rates and states: no call allocates, starts a thread or factors more than is
+//! foreseen.
 //!
-//! Inputs and limited states are one vector, `v = f - W C' mu` with `f = F x0 + g`, for which [`Dual`] finds the active limits.
-//! What it finds is brought within the limits of inputs and rates, and judged by the states that it leads to and their
-//! costates, as in `rows`: with multipliers `l` of rates and states, `e` the part of the half gradient that no limit of an
-//! input balances and `s = l' (c - C u)`, `J(u) - min J <= s + e' H^-1 e`.
+//! Inputs and limited states are one vector, `v = f - W C' mu` with `f = F x0 + g`, for which [`Dual`] finds the active
+//! limits. What it finds is brought within the limits of inputs and rates, and judged by the states that it leads to
+//! and their costates, as in `rows`: with multipliers `l` of rates and states, `e` the part of the half gradient that
+//! no limit of an input balances and `s = l' (c - C u)`, `J(u) - min J <= s + e' H^-1 e`.
 
 #![allow(clippy::needless_range_loop, reason = "formulas with indices")]
 
@@ -255,9 +256,9 @@ impl Pivoting {
         self.last.copy_from_slice(u);
     }
 
-    /// The best plan from `x0`, begun at the active limits of the call before, a step later. A call that ends early has the
-    /// best of what it came to, the last plan a step later, and the best inputs without limits, cut to the limits; the next
-    /// one goes on from its limits.
+    /// The best plan from `x0`, begun at the active limits of the call before, a step later. A call that ends early has
+    /// the best of what it came to, the last plan a step later, and the best inputs without limits, cut to the limits;
+    /// the next one goes on from its limits.
     pub(super) fn solve(&mut self, h: &Horizon, x0: &[f64], until: Until<'_>, to: &mut Solution) -> Result<bool> {
         let (n, m, d) = (h.n, h.m, h.steps * h.m);
         sized("x", x0.len(), n)?;
@@ -556,8 +557,9 @@ impl Pivoting {
         }
     }
 
-    /// An upper bound of `e' H^-1 e`, `e` the part of `g` that no limit of an input balances, with the error of the table in
-    /// it: for `v ~ H^-1 e` and `r = e - H v` it is `e'v + v'r + r' H^-1 r`. And `s` of limits that are reached to rounding.
+    /// An upper bound of `e' H^-1 e`, `e` the part of `g` that no limit of an input balances, with the error of the
+    /// table in it: for `v ~ H^-1 e` and `r = e - H v` it is `e'v + v'r + r' H^-1 r`. And `s` of limits that are
+    /// reached to rounding.
     fn dual_norm(&mut self, h: &Horizon, zero: f64) -> (f64, f64) {
         let d = h.steps * h.m;
         let (mut near, mut sum) = (0.0, 0.0);

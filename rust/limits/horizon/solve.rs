@@ -80,8 +80,8 @@ impl Horizon {
         self.kinds().iter().map(|(len, _)| len).sum()
     }
 
-    /// The best inputs from `x0` within the limits, or with `free` without them, begun at the limits that `warm` names where
-    /// there are those of inputs alone.
+    /// The best inputs from `x0` within the limits, or with `free` without them, begun at the limits that `warm` names
+    /// where there are those of inputs alone.
     ///
     /// # Errors
     /// As [`rows_control`].
@@ -138,8 +138,8 @@ impl Horizon {
         all
     }
 
-    /// The best inputs with their states, over which the system grows; the offset is one more state, which stays 1. None
-    /// where an input has no weight at some step.
+    /// The best inputs with their states, over which the system grows; the offset is one more state, which stays 1.
+    /// None where an input has no weight at some step.
     fn growing(
         &self,
         x0: &[f64],
@@ -347,8 +347,8 @@ impl RecedingHorizon {
         matches!(self.way, Way::Inputs(_))
     }
 
-    /// `u(-1)` (m) from now on, if the task has rates: pass the input that was applied after each [`Self::solve`]. It counts from
-    /// the point of [`Self::about`], as all inputs do.
+    /// `u(-1)` (m) from now on, if the task has rates: pass the input that was applied after each [`Self::solve`]. It
+    /// counts from the point of [`Self::about`], as all inputs do.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`]; then all is as before.
@@ -356,8 +356,8 @@ impl RecedingHorizon {
         self.horizon.follow(previous)
     }
 
-    /// From now on inputs have these values in the steps of each plan (K, m), whatever their limits; nan where one is chosen.
-    /// Limits of rates hold for them, too: give those that jump an infinite one.
+    /// From now on inputs have these values in the steps of each plan (K, m), whatever their limits; nan where one is
+    /// chosen. Limits of rates hold for them, too: give those that jump an infinite one.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Value`] for an infinite one; then all is as before.
@@ -494,8 +494,8 @@ impl RecedingHorizon {
         Ok(found)
     }
 
-    /// The work of a call at most, where one map or one table serves all states; where hard limits of states cannot be met,
-    /// an interior point adds to it. The next call begins as before.
+    /// The work of a call at most, where one map or one table serves all states; where hard limits of states cannot be
+    /// met, an interior point adds to it. The next call begins as before.
     ///
     /// # Errors
     /// As [`Solver::new`].

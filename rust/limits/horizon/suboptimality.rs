@@ -1,11 +1,11 @@
 //! What an uncertain `A` and `B` do to the best inputs within limits.
 //!
-//! `(G, b)` is the true problem, `(G^, b^)` that of the horizon, with the same limits, `Q` and `R`; u is the best of the true
-//! one, w a point within the limits. With `alpha >= ||(G - G^) w - (b - b^)||_Q`, `c = (G - G^)' Q (G^ w - b^)`,
-//! `gamma >= ||c||_{R^-1}` and `gap >= <J^'(w), w - v>` for all v within the limits, the inequality of u, tested at w, is
-//! `p^2 + q^2 <= alpha p + gamma q + gap / 2` for `p = ||G (w - u)||_Q` and `q = ||w - u||_R`: a disc.
-//! `J(w) - J(u) = <J'(w), w - u> - p^2 - q^2` is largest at `(alpha, gamma)`. Soft limits of states add `soft C'C` to `Q` in
-//! alpha, and their force to `Q (G^ w - b^)`.
+//! `(G, b)` is the true problem, `(G^, b^)` that of the horizon, with the same limits, `Q` and `R`; u is the best of
+//! the true one, w a point within the limits. With `alpha >= ||(G - G^) w - (b - b^)||_Q`,
+//! `c = (G - G^)' Q (G^ w - b^)`, `gamma >= ||c||_{R^-1}` and `gap >= <J^'(w), w - v>` for all v within the limits, the
+//! inequality of u, tested at w, is `p^2 + q^2 <= alpha p + gamma q + gap / 2` for `p = ||G (w - u)||_Q` and
+//! `q = ||w - u||_R`: a disc. `J(w) - J(u) = <J'(w), w - u> - p^2 - q^2` is largest at `(alpha, gamma)`. Soft limits of
+//! states add `soft C'C` to `Q` in alpha, and their force to `Q (G^ w - b^)`.
 
 use super::map::{Horizon, WHAT};
 use super::solve::ROUNDING;
@@ -62,7 +62,8 @@ impl<'a> Around<'a> {
         Ok(Self { region, shifts, radii, lengths })
     }
 
-    /// Bounds of `||(A - A^)' p||` and `||(B - B^)' p||`: `||D' p|| <= sum (factor p' S p)^(1/2) length` over the parts.
+    /// Bounds of `||(A - A^)' p||` and `||(B - B^)' p||`: `||D' p|| <= sum (factor p' S p)^(1/2) length` over the
+    /// parts.
     fn along(&self, p: &[f64]) -> Result<[f64; 2]> {
         let mut found = [0.0; 2];
         for ((found, shift), columns) in found.iter_mut().zip(&self.shifts).zip([self.region.n, self.region.m]) {
@@ -172,8 +173,8 @@ impl Horizon {
 
     /// A Frank-Wolfe gap over the limits, and the norm of what no limit balances of `slope`.
     ///
-    /// With limits of rates or hard ones of states `<J'(w), w - v> <= 2 max(sqrt(gap) reach, gap)` for `gap >= J(w) - min J`
-    /// and `reach >= ||w - v||_H`, from `J(w + t (v - w)) >= J(w) - gap` at the best t.
+    /// With limits of rates or hard ones of states `<J'(w), w - v> <= 2 max(sqrt(gap) reach, gap)` for
+    /// `gap >= J(w) - min J` and `reach >= ||w - v||_H`, from `J(w + t (v - w)) >= J(w) - gap` at the best t.
     fn balanced(&self, sizes: &[f64], slope: &[f64], u: &[f64], gap: f64) -> (f64, f64) {
         let (m, task) = (self.m, &self.task);
         if task.rate.is_none() && (task.states.is_none() || task.soft.is_some()) {
@@ -260,7 +261,8 @@ impl Horizon {
     /// `alpha` of the head of this file for a `tube` (K) around the states: `(sum_k ||Q_k|| tube_k^2)^(1/2)`.
     ///
     /// With `sure`, the state before the first of one step: at most
-    /// `||F D z|| <= (factor ||F S F'||)^(1/2) ||z||_(V^-1)` too, `F'F = Q`, D of one part, with the shift of the centre.
+    /// `||F D z|| <= (factor ||F S F'||)^(1/2) ||z||_(V^-1)` too, `F'F = Q`, D of one part, with the shift of the
+    /// centre.
     ///
     /// # Errors
     /// As [`Self::weights`]; [`Error::Shape`].
@@ -290,8 +292,8 @@ impl Horizon {
         Ok(alpha.min(norm(&times(root, &off, n)?) + product(size, part.length(&z))))
     }
 
-    /// How far `u`, under which the horizon has these states (K, n), is from the best inputs of any system of the region;
-    /// `alpha` is that of the head of this file, `gap` bounds `J(u) - min J` of the horizon.
+    /// How far `u`, under which the horizon has these states (K, n), is from the best inputs of any system of the
+    /// region; `alpha` is that of the head of this file, `gap` bounds `J(u) - min J` of the horizon.
     ///
     /// # Errors
     /// As [`Self::powers`]; [`Error::Shape`].
@@ -305,7 +307,8 @@ impl Horizon {
         let gamma = over(c, least_r);
         let (h, slack) = (alpha.hypot(gamma), (2.0 * gap).sqrt());
         let rho = h.hypot(slack);
-        // ||v||_H^2 >= least ||v||^2 for the true H, without soft limits: s_min(Q^1/2 G) >= s_min(Q^1/2 G^) - ||Q^1/2 (G - G^)||
+        // ||v||_H^2 >= least ||v||^2 for the true H, without soft limits: s_min(Q^1/2 G) >= s_min(Q^1/2 G^) - ||Q^1/2
+        // (G - G^)||
         let (radius, d) = (self.map_radius(around.radii, &sizes)?, self.steps * self.m);
         let s = singular_values(self.map()?, d)?;
         let smallest = s.get(d - 1).map_or(0.0, |last| last - ROUNDING * s[0]);

@@ -239,7 +239,8 @@ fn roots_and_singular_values() {
     assert_eq!(singular_values(&[], 2).unwrap().len(), 0);
 }
 
-/// `x' = 1.9 x + u` over 80 steps: `J` is that of Riccati's recursion, not that of a condensed map; an offset is one more state.
+/// `x' = 1.9 x + u` over 80 steps: `J` is that of Riccati's recursion, not that of a condensed map; an offset is one
+/// more state.
 #[test]
 fn a_plan_over_which_the_system_grows_is_followed() {
     let (steps, r, x0) = (80, 0.1, 0.5);

@@ -1,12 +1,13 @@
-//! Horizons over which the system grows: states, inputs and costates are kept together, and what rounding leaves in each
-//! step is carried on by a feedback, not by powers of `A`.
+//! Horizons over which the system grows: states, inputs and costates are kept together, and what rounding leaves in
+//! each step is carried on by a feedback, not by powers of `A`.
 //!
 //! For states `x`, inputs `u` within their limits and any costates `p` let `d(k) = A x(k-1) + B u(k-1) - x(k)`,
-//! `g(k) = R u(k) + B' p(k+1)` and `e(k) = Q (x(k) - r(k)) + A' p(k+1) - p(k)`. For other inputs `u + v`, whose states are
-//! `x + y` with `y(k) = A y(k-1) + B v(k-1) + d(k)`,
-//! `J(u + v) = J + 2 p'd + 2 g'v + 2 e'y + ||y||_Q^2 + ||v||_R^2`, exactly. The least over all `v` of what follows `2 p'd`,
-//! without the part of `g` that limits balance, is a problem without limits: one recursion bounds it from below. For the
-//! inputs `u + clip(-L y)` of who follows the plan it is the sum itself. The difference of the two is the gap.
+//! `g(k) = R u(k) + B' p(k+1)` and `e(k) = Q (x(k) - r(k)) + A' p(k+1) - p(k)`. For other inputs `u + v`, whose states
+//! are `x + y` with `y(k) = A y(k-1) + B v(k-1) + d(k)`,
+//! `J(u + v) = J + 2 p'd + 2 g'v + 2 e'y + ||y||_Q^2 + ||v||_R^2`, exactly. The least over all `v` of what follows
+//! `2 p'd`, without the part of `g` that limits balance, is a problem without limits: one recursion bounds it from
+//! below. For the inputs `u + clip(-L y)` of who follows the plan it is the sum itself. The difference of the two is
+//! the gap.
 
 use super::{Gains, Riccati, Steps, WHAT};
 use crate::compensated::Sum;
@@ -247,8 +248,9 @@ impl Riccati {
         Ok(sum + SURE * size)
     }
 
-    /// How far the plan `u`, `x` that is followed is from the best one. `near`: the distance from the limit that balances
-    /// a gradient, none where there is none; `room`: how far an input can move, after the moves of those before.
+    /// How far the plan `u`, `x` that is followed is from the best one. `near`: the distance from the limit that
+    /// balances a gradient, none where there is none; `room`: how far an input can move, after the moves of those
+    /// before.
     pub(crate) fn judge(
         &mut self,
         (u, x): (&[f64], &[f64]),
@@ -395,8 +397,8 @@ impl Riccati {
     }
 }
 
-/// The best inputs of a horizon over which the system grows, as [`super::horizon_control`], and how to follow them. None
-/// where the weights leave an input without any: then nothing is known of how far they are from the best.
+/// The best inputs of a horizon over which the system grows, as [`super::horizon_control`], and how to follow them.
+/// None where the weights leave an input without any: then nothing is known of how far they are from the best.
 ///
 /// # Errors
 /// As [`super::horizon_control`].

@@ -1,9 +1,9 @@
-//! Many steps of `x(k+1) = A x(k) + B u(k)`: Riccati's recursion solves a face in time proportional to the number of steps,
-//! and does not form powers of `A`.
+//! Many steps of `x(k+1) = A x(k) + B u(k)`: Riccati's recursion solves a face in time proportional to the number of
+//! steps, and does not form powers of `A`.
 //!
-//! `J(u) = sum_{k=1..K} ||x(k) - ref(k)||^2_{Q_k} + sum_{k<K} ||u(k)||^2_R`, `Q_k = Q` before the last step. On a face with
-//! free inputs `F`, backwards from `P_K = Q_K`: `G = R_FF + B_F' P B_F`, `L = G^{-1} B_F' P A`, `P <- Q + A' P A - A' P B_F L`
-//! (Bertsekas 2017, 3.1); the affine terms follow in a second recursion.
+//! `J(u) = sum_{k=1..K} ||x(k) - ref(k)||^2_{Q_k} + sum_{k<K} ||u(k)||^2_R`, `Q_k = Q` before the last step. On a face
+//! with free inputs `F`, backwards from `P_K = Q_K`: `G = R_FF + B_F' P B_F`, `L = G^{-1} B_F' P A`,
+//! `P <- Q + A' P A - A' P B_F L` (Bertsekas 2017, 3.1); the affine terms follow in a second recursion.
 
 pub(super) mod closed;
 mod faces;

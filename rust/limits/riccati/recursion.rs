@@ -97,8 +97,8 @@ impl Riccati {
         Ok(true)
     }
 
-    /// The free inputs of the face of `gains`: with `linear` the solution of `H_FF u_F = linear_F`, otherwise the minimiser
-    /// of `J` for the held inputs in `u`; `limits`: clipped step by step.
+    /// The free inputs of the face of `gains`: with `linear` the solution of `H_FF u_F = linear_F`, otherwise the
+    /// minimiser of `J` for the held inputs in `u`; `limits`: clipped step by step.
     pub(super) fn roll(&mut self, gains: &Gains, linear: bool, u: &mut [f64], limits: Option<Bounds<'_>>) {
         let (n, m, ln, lm, steps) = (self.n, self.m, self.ln, self.lm, self.steps);
         let [p, w, x, input, h] = &mut self.work;

@@ -7,8 +7,8 @@ use super::task::{Task, WHAT, largest};
 use crate::error::Result;
 use crate::memory::{try_copy, try_filled, try_push, try_zeros};
 
-/// Limits beyond this, in units of the sizes, are left to the exchange of limits first, as an interior point that begins
-/// among them ends early; beyond the second number to the certificate.
+/// Limits beyond this, in units of the sizes, are left to the exchange of limits first, as an interior point that
+/// begins among them ends early; beyond the second number to the certificate.
 pub(super) const FAR: [f64; 2] = [1e3, 1e12];
 
 /// What a limit is for, in the order of all lists of limits.
@@ -21,7 +21,8 @@ pub(super) enum Kind {
 
 pub const KINDS: usize = 3;
 
-/// A row of a program: the kind and entry of its limit, 1 at the upper and -1 at the lower side, 0 where both are equal.
+/// A row of a program: the kind and entry of its limit, 1 at the upper and -1 at the lower side, 0 where both are
+/// equal.
 pub(super) type Row = (Kind, usize, i8);
 
 /// By kind, `>= 0` at the upper side and `<= 0` at the lower; `J' + inputs + D' rates + G' states = 0` at the minimum.
@@ -265,9 +266,9 @@ impl Task<'_> {
         Ok((u, x, found, held))
     }
 
-    /// The step to the minimum where the held limits are equalities, from the residuals at `u`: `g` is the gradient with all
-    /// multipliers; of states, and of their dynamics, what is not in it. The rows after those of the steps, and the unit of
-    /// the solution; none if nothing is left to do.
+    /// The step to the minimum where the held limits are equalities, from the residuals at `u`: `g` is the gradient
+    /// with all multipliers; of states, and of their dynamics, what is not in it. The rows after those of the steps,
+    /// and the unit of the solution; none if nothing is left to do.
     pub(super) fn face(
         &self,
         held: &Held,

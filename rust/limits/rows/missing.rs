@@ -11,8 +11,9 @@ use crate::memory::try_zeros;
 const LARGE: f64 = 1e6;
 
 impl Search<'_, '_> {
-    /// A control with the least largest excess of limits on states in units of each, its states, this excess, and whether it
-    /// is certain that there must be one: for `v >= 0` with sum 1 and any `w`, `min_u v' (C u - c) + w' (rates) <=` every excess.
+    /// A control with the least largest excess of limits on states in units of each, its states, this excess, and
+    /// whether it is certain that there must be one: for `v >= 0` with sum 1 and any `w`,
+    /// `min_u v' (C u - c) + w' (rates) <=` every excess.
     pub(super) fn least(&mut self, until: Until<'_>) -> Result<(Vec<f64>, Vec<f64>, Excess, bool)> {
         let task = self.task;
         let (program, rows) = task.whole(Aim::Least, FAR[1])?;

@@ -1,10 +1,12 @@
-//! Many steps with limits on inputs, on their changes and on states: a sparse interior point proposes, one linear system
-//! for the active limits corrects, and the certificate is computed from the data.
+//! Many steps with limits on inputs, on their changes and on states: a sparse interior point proposes, one linear
+//! system for the active limits corrects, and the certificate is computed from the data.
 //!
-//! For any `u` within all limits, multipliers `l >= 0` of its rows `C u <= c`, `e = J'(u) + C' l` and `s = l' (c - C u)`:
-//! `J(u) - min J <= s + ||e||^2_{H^-1} / 4` and `||u - u*||_H <= (||e||_{H^-1} + (||e||^2_{H^-1} + 8 s)^(1/2)) / 4`.
-//! Proof: `J(v) + l' (C v - c) = J(u) - s + <e, v - u> + ||v - u||_H^2` for all `v`. Limits on states hold to rounding only;
-//! the certificate is then for limits that are wider by this rounding. With soft limits `J'` has their weight and `H` has not.
+//! For any `u` within all limits, multipliers `l >= 0` of its rows `C u <= c`, `e = J'(u) + C' l` and
+//! `s = l' (c - C u)`: `J(u) - min J <= s + ||e||^2_{H^-1} / 4` and
+//! `||u - u*||_H <= (||e||_{H^-1} + (||e||^2_{H^-1} + 8 s)^(1/2)) / 4`. Proof:
+//! `J(v) + l' (C v - c) = J(u) - s + <e, v - u> + ||v - u||_H^2` for all `v`. Limits on states hold to rounding only;
+//! the certificate is then for limits that are wider by this rounding. With soft limits `J'` has their weight and `H`
+//! has not.
 
 mod assembly;
 mod missing;
@@ -45,8 +47,8 @@ const SINGULAR: &str = "an input has no weight at some step, and the system grow
 pub struct RowsSolution {
     /// The control, and its certificate; of limits that cannot be met: with these wider by `missing`.
     pub found: Solution,
-    /// Nothing, and multipliers of `u(k) - u(k-1)` (K m) and of the states (K, n), above 0 at the upper limit, below at the
-    /// lower; empty without such limits.
+    /// Nothing, and multipliers of `u(k) - u(k-1)` (K m) and of the states (K, n), above 0 at the upper limit, below at
+    /// the lower; empty without such limits.
     pub rows: [Vec<f64>; KINDS],
     /// The least largest excess of limits on states that cannot be met; 0 if they can.
     pub missing: f64,

@@ -1,5 +1,5 @@
-//! From an interior point to the minimum: the active limits are equalities of one linear system, whose right side are the
-//! residuals, so that each round gains digits. Limits with the wrong sign and limits that are broken are exchanged.
+//! From an interior point to the minimum: the active limits are equalities of one linear system, whose right side are
+//! the residuals, so that each round gains digits. Limits with the wrong sign and limits that are broken are exchanged.
 
 use super::assembly::{Held, Kind, Multipliers};
 use super::search::{EXACT, Search};

@@ -1,4 +1,5 @@
-//! Convex programs for Clarabel in sparse form: `min 1/2 z' P z + q' z` with `C z = c` for the first rows, `<=` for the rest.
+//! Convex programs for Clarabel in sparse form: `min 1/2 z' P z + q' z` with `C z = c` for the first rows, `<=` for the
+//! rest.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -97,8 +98,8 @@ impl Program {
         16 * (3 * factor + 12 * entries + 60 * (rows + columns)) + (1 << 16)
     }
 
-    /// On its own thread, which an interrupted caller leaves behind, and which ends at its next iteration; Clarabel looks at
-    /// the clock after its first factorization only.
+    /// On its own thread, which an interrupted caller leaves behind, and which ends at its next iteration; Clarabel
+    /// looks at the clock after its first factorization only.
     pub(super) fn solve(self, until: Until<'_>) -> Result<Point> {
         let cancelled = Arc::new(Stop::new());
         let (hook, limit) = (Arc::clone(&cancelled), until.left());

@@ -65,8 +65,8 @@ impl<'a, 'b> Search<'a, 'b> {
         Ok(())
     }
 
-    /// Takes `u`, clipped, and the signs that its multipliers must have; keeps it if it is the best so far. `x`: states near
-    /// which it is followed where the system grows.
+    /// Takes `u`, clipped, and the signs that its multipliers must have; keeps it if it is the best so far. `x`: states
+    /// near which it is followed where the system grows.
     pub(super) fn verify(
         &mut self,
         (u, x): (&[f64], &[f64]),
@@ -193,7 +193,8 @@ impl<'a, 'b> Search<'a, 'b> {
     }
 
     /// An upper bound of `e' H^{-1} e`, `e` the part of `g` that no limit of an input balances, with the error of the
-    /// solution `v` in it: for `r = e - H v` it is `e'v + v'r + r' H^{-1} r`. And `s` of limits that are reached up to rounding.
+    /// solution `v` in it: for `r = e - H v` it is `e'v + v'r + r' H^{-1} r`. And `s` of limits that are reached up to
+    /// rounding.
     fn dual_norm(&mut self, u: &[f64], g: &[f64], until: Until<'_>) -> Result<(f64, f64)> {
         let (task, d, mut near) = (self.task, u.len(), 0.0);
         let mut e = try_copy(WHAT, g)?;

@@ -77,8 +77,9 @@ pub(super) struct Task<'a> {
     pub(super) high: Vec<f64>,
     pub(super) soft: Option<f64>,
     pub(super) grows: bool,
-    /// Values from where all later limits can be kept, `l'_k = max(l_k, l'_{k+1} - rate)`, `h'_k = min(h_k, h'_{k+1} + rate)`,
-    /// and that can be reached, `l'_k = max(l'_k, l'_{k-1} - rate)`, `h'_k = min(h'_k, h'_{k-1} + rate)`.
+    /// Values from where all later limits can be kept, `l'_k = max(l_k, l'_{k+1} - rate)`,
+    /// `h'_k = min(h_k, h'_{k+1} + rate)`, and that can be reached, `l'_k = max(l'_k, l'_{k-1} - rate)`,
+    /// `h'_k = min(h'_k, h'_{k-1} + rate)`.
     within: (Vec<f64>, Vec<f64>),
     /// Sizes of each state and of each input, to scale by.
     pub(super) size: (Vec<f64>, Vec<f64>),
@@ -105,8 +106,8 @@ impl Excess {
     }
 }
 
-/// The size of each state: one for all, unless their units are far apart. A state that begins and should end at 0 has the
-/// size of its limits, or that which the others give it over the steps without inputs, or in a step.
+/// The size of each state: one for all, unless their units are far apart. A state that begins and should end at 0 has
+/// the size of its limits, or that which the others give it over the steps without inputs, or in a step.
 fn sizes(h: &Steps<'_>, low: &[f64], high: &[f64]) -> Result<Vec<f64>> {
     let n = h.x0.len();
     let common = largest(h.x0.iter().chain(h.reference));
@@ -183,7 +184,8 @@ impl Within<'_> {
         Ok(())
     }
 
-    /// The values that can be reached; where it is one, no limit but this is left of the input, with `width` of rounding.
+    /// The values that can be reached; where it is one, no limit but this is left of the input, with `width` of
+    /// rounding.
     pub(crate) fn reach(&self, (low, high): Pair<'_>, inputs: Pair<'_>, width: &mut [f64]) {
         let (rate, previous, m) = (self.rate, self.previous, self.rate.len());
         for (i, (rate, previous)) in (0..low.len()).zip(rate.iter().zip(previous).cycle()) {

@@ -16,8 +16,8 @@ fn rows(a: &Mat<f64>) -> Result<Vec<f64>> {
 }
 
 impl Readings {
-    /// All that the steps of the window, the gate and the bias need. The lengths of z in the parts of the gate: `white` (d, d)
-    /// of each part, which is infinite where one of the `lost` (most, d) is seen beyond `tolerance` roundoffs.
+    /// All that the steps of the window, the gate and the bias need. The lengths of z in the parts of the gate: `white`
+    /// (d, d) of each part, which is infinite where one of the `lost` (most, d) is seen beyond `tolerance` roundoffs.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory).

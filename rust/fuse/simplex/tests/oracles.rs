@@ -229,7 +229,8 @@ fn corner_cases() {
 
 #[test]
 fn two_realizations_per_dimension_are_solved() {
-    // The support is a nearly square random matrix; feasible and infeasible instances, by conjugate gradients and by factors.
+    // The support is a nearly square random matrix; feasible and infeasible instances, by conjugate gradients and by
+    // factors.
     let mut phases = Vec::new();
     for seed in 0..12 {
         let s = optimal(&Instance::gaussian(20, 700 + 10 * seed as usize, seed), "two per dimension");
@@ -255,7 +256,8 @@ fn a_time_limit_holds_where_factors_take_long() {
 
 #[test]
 fn a_tolerance_below_rounding_is_reported_as_missed() {
-    // tol ||t||^2 = 1e-29 sum g^2: the rounding of the weights' sum alone moves the gap by 1e-16 sum g^2 (for some seeds to zero)
+    // tol ||t||^2 = 1e-29 sum g^2: the rounding of the weights' sum alone moves the gap by 1e-16 sum g^2 (for some
+    // seeds to zero)
     let mut x = Instance::gaussian(6, 40, 4);
     x.target.iter_mut().for_each(|t| *t *= 1e-10);
     let s = x.solve(&Options::default());

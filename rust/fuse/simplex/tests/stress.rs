@@ -37,7 +37,8 @@ pub fn random(seed: u64) -> Instance {
             }
         }
     }
-    // A third of the targets are not the matrix that was sampled: other signs, noise, one of the realizations, another matrix.
+    // A third of the targets are not the matrix that was sampled: other signs, noise, one of the realizations, another
+    // matrix.
     match rng.below(12) {
         0 => x.target.iter_mut().for_each(|t| *t *= if rng.below(2) == 0 { -1.0 } else { 1.0 }),
         1 => x.target.iter_mut().for_each(|t| *t += 0.3 * rng.normal()),

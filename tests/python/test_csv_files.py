@@ -99,7 +99,8 @@ def test_a_row_of_units_becomes_part_of_the_names(tmp_path, names, units):
 
 
 @pytest.mark.parametrize(
-    "word", ["", " ", "nan", "NA", "n/a", "NULL", "None", "#N/A", "<NA>", "-1.#IND", "-", "--", "---"]
+    "word",
+    ["", " ", "nan", "NA", "n/a", "NULL", "None", "#N/A", "<NA>", "-1.#IND", "-", "--", "---"],
 )
 def test_words_for_a_missing_number(tmp_path, word):
     text = PLAIN.replace(CELLS["v"][4], word)

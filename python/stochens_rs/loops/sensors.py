@@ -8,7 +8,7 @@ import numpy as np
 
 from .._base import show
 from .._base.types import DELTA
-from ..controls.set_point import points_of
+from ..controls.set_point import or_zero, points_of
 from ..exceptions import StochensError
 from ..identification.model import Model, asked_region
 from ..identification.region import Wish
@@ -49,7 +49,7 @@ class Range:
 
     def outside(self, y: Floats) -> str | None:
         """The reading that is furthest outside; nan where it was not read."""
-        off = np.nan_to_num((y - 0.5 * (self.low + self.high)) / self.width)
+        off = or_zero((y - 0.5 * (self.low + self.high)) / self.width)
         off -= self.free.T @ (self.free @ off)
         i = int(np.abs(off).argmax())
         if abs(off[i]) <= FAR + 0.5:

@@ -220,6 +220,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::matrix::MatrixView;
     use crate::region::{Part, PartOf};
     use crate::window::{Kind, Window};
 
@@ -231,19 +232,19 @@ mod tests {
         let theta = [0.9, 0.2, 0.0, 0.5, 0.0, 0.7, 0.1, 0.2, 0.1, 0.0, 0.5, -0.3];
         let window = Window::new(3, 1, Kind::Lags(1), 0, false, 0).unwrap();
         let eye = |n: usize| (0..n * n).map(|at| f64::from(u8::from(at % (n + 1) == 0))).collect::<Vec<_>>();
-        let (rows, columns) = ([0, 1, 2], [0, 1, 2, 3]);
+        let (rows, columns, three, four) = ([0, 1, 2], [0, 1, 2, 3], eye(3), eye(4));
         let of = PartOf {
             rows: &rows,
             columns: &columns,
-            white: &eye(4),
-            root: &eye(4),
-            missing: &[],
+            white: MatrixView::of(&four, 4),
+            root: MatrixView::of(&four, 4),
+            missing: None,
             ratio: 1.0,
-            shape: &eye(3),
+            shape: MatrixView::of(&three, 3),
             factor,
         };
-        let region = Region::new(&theta, 3, 1, vec![Arc::new(Part::new(of).unwrap())], None, false);
-        (SetPoints::new(window, &theta, &[1.0; 4]).unwrap(), region.unwrap())
+        let region = Region::new(MatrixView::of(&theta, 4), 1, vec![Arc::new(Part::new(of).unwrap())], None, false);
+        (SetPoints::new(window, MatrixView::of(&theta, 4), &[1.0; 4]).unwrap(), region.unwrap())
     }
 
     fn causes(factor: f64, bias: &[f64], rest: &[f64]) -> Option<Causes> {
@@ -271,7 +272,7 @@ mod tests {
     #[test]
     fn what_integrates_is_a_direction() {
         let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
-        let points = SetPoints::new(window, &[0.5, 0.0, 1.0, 0.0, 1.0, 1.0], &[1.0; 3]).unwrap();
+        let points = SetPoints::new(window, &[[0.5, 0.0, 1.0], [0.0, 1.0, 1.0]], &[1.0; 3]).unwrap();
         let found = points.integrating(&[1.0, 2.0], 1e-3).unwrap();
         assert!(found.len() == 2 && found[0].abs() < 1e-12 && (found[1].abs() - 1.0).abs() < 1e-12);
         assert!(points.integrating(&[1.0, 2.0], 1e-3).unwrap().len() == 2 && points.integrating(&[1.0], 1e-3).is_err());

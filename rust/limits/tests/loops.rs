@@ -276,3 +276,22 @@ fn an_input_is_fixed_at_once_and_chosen_again() {
         assert!(before.iter().zip(&after).all(|(u, v)| (u - v).abs() <= 1e-9), "{before:?} {after:?}");
     }
 }
+
+#[test]
+fn the_gap_of_a_cut_call_counts_inputs_that_are_chosen_again() {
+    let (stop, mut cut) = (Stop::new(), 0);
+    for seed in 0..20 {
+        let mut plant = Plant::new(seed, 3, 2, 0.9);
+        let mut many = RecedingHorizon::new(plant.horizon(6, BOX), &stop).unwrap();
+        let (x, now) = (plant.normal.take(3), Until::new(&stop, Some(Duration::ZERO)));
+        many.fix(&(0..12).map(|i| if i % 2 == 1 { 0.05 } else { f64::NAN }).collect::<Vec<_>>()).unwrap();
+        many.solve(&x, now).unwrap(); // its gap is one of the other inputs alone
+        many.fix(&[f64::NAN; 12]).unwrap();
+        let (found, gap) = many.solve(&x, now).map(|one| (one.objective, one.gap)).unwrap();
+        let best = many.solve(&x, Until::new(&stop, None)).unwrap();
+        assert_eq!(best.status, Status::Optimal);
+        assert!(found - best.objective <= gap + 1e-12, "{seed}: {found} - {} is above {gap}", best.objective);
+        cut += usize::from(found > best.objective + 1e-6);
+    }
+    assert!(cut > 10, "{cut}");
+}

@@ -37,21 +37,21 @@ struct Loop {
 impl Loop {
     fn new(steps: usize, rate: Option<f64>, soft: Option<f64>) -> Self {
         let window = Window::new(P, M, Kind::Lags(2), 0, false, 0).unwrap();
-        let points = SetPoints::new(window, MatrixView::of(&THETA, 8), &[1.0; P + M]).unwrap();
+        let theta = MatrixView::of(&THETA, 8);
+        let points = SetPoints::new(window, theta, &[1.0; P + M]).unwrap();
         let (all, rows): (Vec<_>, Vec<_>) = ((0..8).collect(), (0..P).collect());
-        let eyes = [eye(8, 1.0), eye(P, 1.0)];
+        let (wide, small) = (eye(8, 1.0), eye(P, 1.0));
         let part = PartOf {
             rows: &rows,
             columns: &all,
-            white: MatrixView::of(&eyes[0], 8),
-            root: MatrixView::of(&eyes[0], 8),
+            white: MatrixView::of(&wide, 8),
+            root: MatrixView::of(&wide, 8),
             missing: None,
             ratio: 1.0,
-            shape: MatrixView::of(&eyes[1], P),
+            shape: MatrixView::of(&small, P),
             factor: 1e-4,
         };
-        let region =
-            Region::new(MatrixView::of(&THETA, 8), 6, vec![Arc::new(Part::new(part).unwrap())], None, false).unwrap();
+        let region = Region::new(theta, 6, vec![Arc::new(Part::new(part).unwrap())], None, false).unwrap();
         let gate = Gate::new(&region.with_noise(Some(NOISE.to_vec())).unwrap(), 0.01).unwrap();
         let filter = Filter::new(window, &THETA, &NOISE, &[0.0; P], &[1.0; P + M]).unwrap();
         let bias = Bias::learned(&points.of_inputs().unwrap(), &[0.1; M], &NOISE).unwrap();
@@ -98,9 +98,10 @@ fn calls_allocate_nothing() {
     ] {
         let mut all = Loop::new(steps, rate, soft);
         let (high, given) = (vec![0.3; M], [f64::NAN; M]);
+        let weights = eye(P, 1.0);
         let wish = SetPointTask {
             target: &[0.3, 0.1],
-            weights: (&[[1.0, 0.0], [0.0, 1.0]]).into(),
+            weights: MatrixView::of(&weights, P),
             now: &[0.0; P],
             low: &[-INF; M],
             high: &[INF; M],

@@ -114,6 +114,7 @@ __all__ = [
     "trajectory",
     "triangle",
     "triangle_update",
+    "unmoved",
     "validation_mean",
     "validation_rank",
     "validation_runs",

@@ -42,7 +42,8 @@
 //! let (mut y, mut u, mut load, mut runs) = (0.0, 0.0, vec![0.0], false);
 //! for t in 0..60 {
 //!     let step = readings.step(&[y], &[t != 20], &[u], &load, runs)?; // the reading at t = 20 is lost
-//!     (load, runs) = (step.bias.clone(), step.runs);
+//!     load.copy_from_slice(&step.bias);
+//!     runs = step.runs;
 //!     if let (true, Some(now)) = (runs, readings.window()) {
 //!         let [ys, us] = [0, 1].map(|i| rest.place[i] + rest.of_bias[i] * load[0]);
 //!         plans.about(&[us], &[ys])?;

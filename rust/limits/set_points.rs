@@ -811,7 +811,7 @@ mod tests {
     #[test]
     fn all_sizes_are_within_the_memory_that_was_asked_for() {
         for (p, m, count, pole) in [(1, 1, 1, None), (3, 2, 4, None), (2, 3, 6, Some(0.7)), (6, 5, 12, None)] {
-            let kind = pole.map_or(Kind::Lags(count), |pole| Kind::Filters { pole, count });
+            let kind = Kind::of(pole, count);
             let window = Window::new(p, m, kind, 2, true, 3).unwrap();
             let d = window.length();
             let theta: Vec<f64> = (0..p * d).map(|at| 0.3 * ((at * at + 1) as f64).sin() / count as f64).collect();

@@ -59,12 +59,6 @@ struct Family {
     fill: usize,
 }
 
-impl Family {
-    fn kind(&self, count: usize) -> Kind {
-        self.pole.map_or(Kind::Lags(count), |pole| Kind::Filters { pole, count })
-    }
-}
-
 /// The least `N log det(S / N) + 2 n_y d` over rows that all windows have, then `ceil(1.5 r) + 1` for r: windows that
 /// are too short break every statement, those that are too long only widen it.
 ///
@@ -129,7 +123,7 @@ fn least(
     for delay in of.delays[0]..=of.delays[1] {
         for family in families.iter().filter(|one| one.most > 0) {
             stop.check()?;
-            let window = Window::new(n, m, family.kind(family.most), delay, of.intercept, family.fill)?;
+            let window = Window::new(n, m, Kind::of(family.pole, family.most), delay, of.intercept, family.fill)?;
             let (rows, places) = window.filled_after(common).rows(pairs, first)?;
             compared = places.len();
             let wide = window.length() + n;
@@ -161,7 +155,7 @@ fn least(
     }
     let Some((_, pole, found, delay)) = best else { return Ok(None) };
     let count = longer(found);
-    let kind = pole.map_or(Kind::Lags(count), |pole| Kind::Filters { pole, count });
+    let kind = Kind::of(pole, count);
     let window = Window::new(n, m, kind, delay, of.intercept, fill(pole, count)?)?;
     Ok(Some(Choice { window, found, rows: compared }))
 }

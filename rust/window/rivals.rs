@@ -22,6 +22,11 @@ fn log_det(covariance: &[f64], n: usize) -> Result<f64> {
     Ok(root.map_or(f64::NEG_INFINITY, |root| 2.0 * root.iter().step_by(n + 1).map(|v| v.ln()).sum::<f64>()))
 }
 
+/// A window of another kind or delay that is filled after as many pairs and its delay.
+fn beside(of: &Window, kind: Kind, delay: usize) -> Result<Window> {
+    Window::new(of.outputs(), of.inputs(), kind, delay, of.intercept(), of.fill() - of.delay())
+}
+
 /// The rows (z, y) of complete windows, and how many entries of these are of the `first` pairs.
 fn parted(log: &Log<'_>, window: &Window, first: usize) -> Result<(Vec<f64>, usize)> {
     let (rows, at) = log.rows(window)?;
@@ -56,14 +61,13 @@ fn size(log: &Log<'_>, window: &Window, first: usize, count: usize, stop: &Stop)
 /// on in it.
 pub(super) fn overfitted(log: &Log<'_>, window: &Window, chosen: usize, first: usize, stop: &Stop) -> Result<bool> {
     let Some(pole) = window.pole() else { return Ok(false) };
-    let burn = window.fill() - window.delay();
-    let other = |kind| Window::new(log.n, log.m, kind, window.delay(), window.intercept(), burn);
-    let own = other(Kind::Filters { pole, count: chosen })?;
+    let own = beside(window, Kind::Filters { pole, count: chosen }, window.delay())?;
     let count = parted(log, &own, first)?.1 / (own.length() + log.n) / LAST;
     let worst = size(log, &own, first, count, stop)?;
     let mut least = f64::INFINITY;
-    for lags in SHORT.into_iter().filter(|lags| *lags <= burn) {
-        least = least.min(size(log, &other(Kind::Lags(lags))?, first, count, stop)?);
+    for lags in SHORT.into_iter().filter(|lags| *lags <= window.fill() - window.delay()) {
+        let short = beside(window, Kind::Lags(lags), window.delay())?;
+        least = least.min(size(log, &short, first, count, stop)?);
     }
     Ok(WORSE * least < worst && worst < f64::INFINITY)
 }
@@ -77,9 +81,7 @@ pub(super) fn later(
     plain: &Fitted,
     stop: &Stop,
 ) -> Result<bool> {
-    let kind = window.pole().map_or(Kind::Lags(window.count()), |pole| Kind::Filters { pole, count: window.count() });
-    let burn = window.fill() - window.delay();
-    let late = Window::new(log.n, log.m, kind, delay, window.intercept(), burn)?;
+    let late = beside(window, Kind::of(window.pole(), window.count()), delay)?;
     let ((rows, begin), d, n) = (parted(log, &late, first)?, late.length(), log.n);
     let (rows, count) = (&rows[begin..], (rows.len() - begin) / (d + n));
     if count <= d + n {

@@ -21,6 +21,13 @@ pub enum Kind {
     },
 }
 
+impl Kind {
+    /// So many lags, or filters where there is a pole.
+    pub(crate) fn of(pole: Option<f64>, count: usize) -> Self {
+        pole.map_or(Self::Lags(count), |pole| Self::Filters { pole, count })
+    }
+}
+
 /// A window, and its state x: of lags `(y_t .. y_{t-p+1}, u_{t-1} .. u_{t-D-p+1})`, of filters
 /// `(xi_y at t, xi_u at t-1, u_{t-1} .. u_{t-D})`.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -25,7 +25,7 @@ def sets(soak: int, test: int) -> int:
     return soak if os.environ.get("SOAK") else test
 
 
-# The levels of a study: in `make test` the ends, between which nothing else is computed.
+# The levels of a study; `make test` takes the two ends, as the one between is computed alike.
 LEVELS = (0.5, 0.2, 0.05) if os.environ.get("SOAK") else (0.5, 0.05)
 
 

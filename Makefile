@@ -49,6 +49,7 @@ setup: $(VENV)/.dev ## create .venv, build the extension, install the tools for 
 reproduce: $(VENV)/.run ## build, then run both experiments: figures and report in results/
 	"$(PY)" -m paper reproduce --out "$(OUT)"
 
+test: export PROPTEST_RNG_SEED ?= 1
 test: $(VENV)/.dev ## all tests: the Rust core without Python, then the Python package
 	cargo test --release --locked
 	"$(PY)" -m pytest $(PARALLEL)
@@ -122,7 +123,7 @@ licenses: $(VENV)/.created | $(RUST) ## write THIRD-PARTY-LICENSES again after a
 	"$(PY)" tools/third_party_licenses.py
 
 fuzz: $(VENV)/.dev ## search for files that readers neither read nor refuse, for MINUTES; keeps them in fuzz/corpus/
-	PROPTEST_CASES=100000 cargo test --release --locked --lib -- garbage forged any_damage
+	PROPTEST_CASES=100000 cargo test --release --locked --lib -- garbage forged any_damage no_number
 	"$(PY)" fuzz/readers.py --minutes $(MINUTES)
 
 unsafe: $(VENV)/.maturin ## run the tests of unsafe code under valgrind, which must be installed

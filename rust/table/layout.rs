@@ -60,39 +60,42 @@ pub(super) fn head(text: &str, skip: usize) -> Head<'_> {
         }
         head.at = end;
     }
-    head.sep = sep.unwrap_or_else(|| {
-        let end = line_end(text, head.at);
-        let below = text[end..].trim_start_matches(['\r', '\n', ' ', '\t']);
-        separator(&text[head.at..end], &below[..line_end(below, 0)])
-    });
+    head.sep = sep.unwrap_or_else(|| separator(&text[head.at..]));
     head
 }
 
-/// What divides the names and the row below into as many cells, most of them with values.
-fn separator(names: &str, below: &str) -> u8 {
-    let count = |sep: u8| cells(names, sep).len();
-    let mut best: Option<((f64, usize), u8)> = None;
+/// What divides the names and the first rows below into as many cells, most of them with values.
+///
+/// Blanks divide any row in which something is missing into wrong cells, so they are taken only where they find a
+/// larger share of values than any mark.
+fn separator(text: &str) -> u8 {
+    let mut lines = text.split(['\r', '\n']).filter(|line| !line.trim().is_empty());
+    let names = lines.next().unwrap_or_default();
+    let (mut rows, mut best) = (Vec::new(), ((0.0, usize::MAX), None));
+    rows.extend(lines.take(8));
     for sep in *b"\t;|, " {
-        let (count, row) = (count(sep), cells(below, sep));
-        if count == row.len() && count > 1 {
+        let count = filled(&cells(names, sep));
+        let fit = |row: &StringRecord| count > 1 && (filled(row)..=row.len()).contains(&count);
+        let share = |row: StringRecord| {
             let values = row.iter().filter(|cell| is_value(cell)).count();
-            let found = (values as f64 / count as f64, count);
-            if best.is_none_or(|(most, _)| found > most) {
-                best = Some((found, sep));
-            }
+            values as f64 / row.iter().filter(|cell| !cell.is_empty()).count().max(1) as f64
+        };
+        let shares = rows.iter().map(|row| cells(row, sep)).filter(fit).map(share).sum();
+        let found = (shares, if sep == b' ' { 0 } else { count });
+        if found > best.0 {
+            best = (found, Some(sep));
         }
     }
-    best.map_or_else(|| *b"|\t;,".iter().max_by_key(|sep| count(**sep)).unwrap_or(&b','), |(_, sep)| sep)
+    best.1.unwrap_or_else(|| *b"|\t;,".iter().max_by_key(|sep| cells(names, **sep).len()).unwrap_or(&b','))
 }
 
-/// The cells of a line, without empty ones at its end.
+/// The cells of a line.
 fn cells(line: &str, sep: u8) -> StringRecord {
     let text = unified(line, sep);
     let mut record = StringRecord::new();
     // a line is text without errors of reading
     let _ = rows(&text, if sep == b' ' { b'\t' } else { sep }).read_record(&mut record);
     record.trim();
-    record.truncate(filled(&record));
     record
 }
 

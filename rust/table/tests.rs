@@ -1,4 +1,5 @@
 use proptest::collection::vec;
+use proptest::num::f64::{NORMAL, ZERO};
 use proptest::{option, prelude::*};
 
 use super::cell::{Comma, has_unit, is_number_with_comma, is_thousands, is_value, number};
@@ -21,6 +22,10 @@ fn the_separator_is_the_one_that_divides_names_and_values_alike() {
         assert_eq!(table.names, ["a", "b"]);
         let [a, b] = [0, 1].map(|k| table.numbers(k, false).unwrap());
         assert!(a == [1.0, 3.0] && b[0] == 2.0 && b[1].is_nan(), "{text:?}");
+    }
+    // a missing word of two words beside an empty cell: as many blanks as tabs
+    for text in ["a\tb\tc\n0\t\t#N/A N/A\n0\t#N/A N/A\t\n0\t1\t#N/A N/A\n", "a\tb c\n\n1\t2  3\n"] {
+        assert_eq!(read(text).unwrap().names, ["a", "b", "c"], "{text:?}");
     }
     let table = read("a;b\n1,5;2\n2;,5\n").unwrap();
     assert_eq!(table.numbers(0, true).unwrap(), [1.5, 2.0]);
@@ -131,11 +136,7 @@ proptest! {
 }
 
 fn any_number() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        prop::num::f64::NORMAL | prop::num::f64::ZERO,
-        -1e4..1e4,
-        (-5000i32..5000).prop_map(|v| f64::from(v) / 1000.0)
-    ]
+    prop_oneof![NORMAL | ZERO, -1e4..1e4, (-5000i32..5000).prop_map(|v| f64::from(v) / 1000.0)]
 }
 
 #[test]

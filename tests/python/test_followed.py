@@ -80,6 +80,7 @@ def test_a_start_that_is_not_known():
         assert inside(bound, plan, *ride(plan, gain.K, X0 + 0.01 * d))
 
 
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 def test_what_is_refused_or_infinite():
     plan, gain = planned()
     with pytest.raises(InputError, match="must be the model"):
@@ -92,6 +93,11 @@ def test_what_is_refused_or_infinite():
         plan.bound(0.05, gain=gain.certificate(0.05), noise=True)
     with pytest.raises(se.exceptions.InputTypeError, match="`gain`"):
         plan.bound(gain=gain.K)
+    model, accepted = (model_of_runs(100, declared=0.0003, accept=of) for of in ((), "noise size"))
+    accepted = se.gain(accepted, *WEIGHTS)
+    assert accepted.certificate(0.05).status == "certified"
+    with pytest.raises(InputError, match=r"got another: residuals are 1\.7 times as large"):
+        se.control(model, X0, np.zeros(4), steps=20).bound(gain=accepted)
     known = se.control((A, B), X0, np.zeros(4), steps=20)
     with pytest.raises(InputError, match="`gain` must be left out"):
         known.bound(gain=gain)

@@ -92,7 +92,8 @@ def violations(loop, limits, plant, x0, steps, noise, runs):
         rows = np.hstack(
             [part.reshape(steps, -1) for part in _after(loop, plant, x0, steps, noise, gen)]
         )
-        count += bool((np.abs(rows) > limits).any())
+        broken = loop.kept is not None and loop.kept.ended is not None
+        count += broken or bool((np.abs(rows) > limits).any())
     return count
 
 
@@ -159,10 +160,27 @@ def test_accepted_once_is_never_infeasible():
     loop, gen = kept_loop(30), np.random.default_rng(2)
     first = loop(START)
     assert first == pytest.approx([1.0])  # nothing is off yet: the whole limit
-    for _ in range(100):
-        assert np.isfinite(loop(0.5 * gen.standard_normal(4))).all()
-    assert [call.status for call in loop.log].count("kept") > 90
+    for _ in range(100):  # 3.0 and more of the input without its limits
+        assert np.abs(loop(0.5 * gen.standard_normal(4))) <= 1.0
+    assert "infeasible" not in [call.status for call in loop.log]
     assert loop.kept.missing > 0.0
+
+
+def test_the_promise_ends_where_its_theorem_does():
+    """An input that was cut, and a state that was not known: said once, until `reset`."""
+    text = "no limit is promised any more: "
+    for far, why in ((np.full(4, 0.5), "an input had to be cut"), (np.full(4, np.nan), "a state")):
+        loop = kept_loop(30)
+        for x in (START, 0.9 * START, far, 0.8 * START, START, far):
+            assert np.abs(loop(x)) <= 1.0
+        before, after = loop.log[:2], loop.log[2:]
+        assert all(call.status in ("optimal", "kept") and call.reason is None for call in before)
+        assert all(text + why in one for one in (after[0].reason, repr(loop.kept)))
+        assert {call.status for call in after[1:3]} == {"unproved"}
+        assert not any(text in str(call.reason) for call in after[1:])
+        loop.reset()
+        loop(START)
+        assert (loop.kept.ended, loop.log[-1].status) == (None, "optimal")
 
 
 def test_more_is_kept_back_once_a_plan_needs_it():
@@ -178,11 +196,12 @@ def test_plans_that_go_on_are_corrected_by_the_gain():
     loop = kept_loop(30)
     loop(START)
     plan, K = loop.plan, loop.kept.proof.K
+    # far away where the gain sees little: no new plan is accepted, and no input is cut
+    off = 3.0 * np.linalg.svd(K)[2][3] + 0.1 * K[0] / (K @ K.T)[0, 0]
     xb = START
     for k in range(1, 40):
         u = plan[k - 1] if k <= len(plan) else K @ xb
         xb = loop.kept.proof.region.centre @ np.concatenate([xb, u])
-        off = np.array([0.0, 1.0, 0.0, 0.0])
         v = plan[k] if k < len(plan) else K @ xb
         np.testing.assert_allclose(loop(xb + off), v + K @ off, rtol=1e-9)
         assert loop.log[-1].status == "kept"

@@ -55,6 +55,7 @@ Status: TypeAlias = Literal[
     "interrupted",  # Ctrl-C
     "kept",  # an earlier plan goes on, corrected by its feedback
     "held",  # the next input of an earlier plan
+    "unproved",  # a promise has ended, or the certificate is of other systems
     "undecided",  # a limit of a state is broken, and whether all can be kept is not known
     "infeasible",  # limits that cannot be kept are missed by as little as possible
 ]

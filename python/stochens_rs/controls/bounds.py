@@ -458,6 +458,8 @@ def proof_of(
     own = in_states(model, model.region(proof.region.delta)).centre
     if not np.array_equal(own, proof.region.centre):
         raise InputError(f"`{name}` must be the model that `gain` was made for")
+    if model.doubts and proof.status == "certified":
+        raise InputError(f"`{name}` must be of the model of `gain`, got another: {model.doubts[0]}")
     return proof
 
 

@@ -38,7 +38,7 @@ ROOM = 1.02  # how much more than the last plan needed is kept back for the mode
 class Kept:
     """Limits that a loop keeps in its first calls, together with a stated probability.
 
-    Made by `regulate` with a `gain`, and ``loop.kept`` there. A plan from the state x(j) is
+    Made by `regulate` with `keep`, and ``loop.kept`` there. A plan from the state x(j) is
     followed by ``u = v + K (x - xb)``, xb the states of the model under v, and ``v = K xb`` behind
     it, which leads to the origin. It is accepted if it keeps limits that are tighter by what the
     errors of the model and noise can add, for every system of the region and until the states are
@@ -47,9 +47,11 @@ class Kept:
 
     For a model of outputs the states are the window, with limited readings behind filters, and
     limited changes of the inputs are below these, as in `names`. The promise begins with the first
-    window of which every reading came. It ends where a reading is missing or rejected, another
-    input acted than was returned, or an input had to be cut to its limits: `ended` and the log then
-    say so. The loop goes on by such plans from its estimate of the window, with status "unproved",
+    window of which every reading came.
+
+    The promise ends where a state is not known, a reading is missing or rejected, another input
+    acted than was returned, or an input had to be cut to its limits: `ended` and the log then say
+    so. The loop goes on by such plans, from its estimate of the window, with status "unproved",
     until `reset`.
 
     Attributes
@@ -331,6 +333,12 @@ class Kept:
             f"<Kept: every limit in {show.number_of(self.calls)} together with {self.keep:.4g}, "
             f"for the linear system the data came from, {read} and Gaussian noise{ended}>"
         )
+
+
+def cut(kept: Kept, v: Floats, u: Floats, acted: Floats) -> list[str]:
+    """The promise ends where v had to be cut to u, but for rounding; what to say of it."""
+    off = np.abs(v - u) > 1e-9 * (np.abs(v) + np.abs(acted))
+    return kept.end("an input had to be cut to its limits") if off.any() else []
 
 
 def resumed(state: dict[str, Any] | None) -> Kept | None:

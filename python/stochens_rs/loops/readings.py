@@ -42,12 +42,12 @@ from ..identification.model import Model
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits, steps_ahead
 from ..limits.problem import forecast_of, loop_of, read_task
 from ..validation.held_out import PredictedLoop
-from .keep import Found, Keep, Kept, limits_of_readings, resumed
+from .keep import Found, Keep, Kept, cut, limits_of_readings, resumed
 from .loop import ControlLoop
 from .regulator import condensed, continued, warn_of_growth
 from .sensors import Range, bounded, explained
 
-ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain", "unproved"]
+ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
 SURE = 3.0  # deviations of the noise: what a loop runs with knows the next readings so well
 EASE = 0.01  # of the weights of the inputs of a gain: what those cost that are known beforehand
@@ -536,8 +536,7 @@ class ReadingLoop(ControlLoop[Reading]):
             within = np.minimum(np.maximum(near, self._low), self._high)
             u = within if math.isfinite(v.sum()) else None
             if self.kept is not None:
-                cut = np.abs(v - within) > 1e-9 * (np.abs(v) + np.abs(acted))
-                why += self.kept.end("an input had to be cut to its limits") if cut.any() else []
+                why += cut(self.kept, v, within, acted)
         if u is None:
             raise NonFiniteError("`y` is too large: the input overflows")
         if self.kept is not None and self.kept.ended:

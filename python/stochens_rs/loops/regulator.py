@@ -30,7 +30,7 @@ from ..limits.problem import (
 )
 from ..system.system import System
 from ..validation.held_out import PredictedLoop
-from .keep import Found, Kept, resumed
+from .keep import Found, Kept, cut, resumed
 from .loop import ControlLoop, counted
 
 MOST = 33_000  # numbers of plans with limits of states in C: 1 MB of text
@@ -46,13 +46,15 @@ class Call(NamedTuple):
     u : ndarray, shape (m,)
         The input returned.
     status : str
-        That of the plan; "held", or "kept" where an earlier plan goes on.
+        That of the plan; "held"; "kept" where an earlier plan goes on; "unproved" where the limits
+        that were promised with `keep` are promised no more.
     gap : float
         ``J - min J`` of the plan is at most this; nan for a held or kept input.
     seconds : float
         The time that the call took [s].
     reason : str or None
-        Why the state could not be used ("held"), or no plan is accepted ("infeasible").
+        Why the state could not be used ("held"), no plan is accepted ("infeasible"), or a promise
+        has ended.
     watch : Watched or None
         What ``loop.watch`` says, if there is one.
     """
@@ -304,6 +306,7 @@ class Regulator(ControlLoop[Call]):
                 held = self._held + 1
                 if self.kept is not None:
                     self.kept.since += 1
+                    reason = "; ".join([str(reason), *self.kept.end("a state was not known")])
                 elif plan is not None:
                     u = plan[min(held, self.steps - 1)].copy()
             elif self.kept is None:
@@ -329,7 +332,10 @@ class Regulator(ControlLoop[Call]):
             return self._solve(x, left)
 
         try:
-            return *kept.choose(x, found, again, started + (limit or np.inf)), None
+            plan, v, status, gap = kept.choose(x, found, again, started + (limit or np.inf))
+            u = np.clip(v, kept.low[self.n :], kept.high[self.n :])
+            reason = "; ".join(cut(kept, v, u, self._last)) or None
+            return plan, u, "unproved" if kept.ended else status, gap, reason
         except SolverError as error:
             self._set(self._system, self._acting())  # without what was kept back for the model
             u = np.clip(kept.proof.K @ x, kept.low[self.n :], kept.high[self.n :])

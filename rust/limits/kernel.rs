@@ -162,9 +162,13 @@ kernel! {
             rows.chunks(LANES * ld).zip(residual.chunks_mut(LANES).zip(y.chunks(LANES))).enumerate()
         {
             let from = if triangular { LANES * b } else { 0 };
-            for ((row, to), y) in rows.chunks_exact(ld).zip(residual.iter_mut()).zip(y) {
-                *to = dot(&row[from..], &v[from..]) - y;
+            let (mut fours, mut to) = (rows.chunks_exact(4 * ld), residual.iter_mut());
+            for four in &mut fours {
+                let rows = [0, 1, 2, 3].map(|i| &four[i * ld + from..(i + 1) * ld]);
+                dots(rows, &v[from..]).into_iter().zip(&mut to).for_each(|(dot, to)| *to = dot);
             }
+            fours.remainder().chunks_exact(ld).zip(to).for_each(|(row, to)| *to = dot(&row[from..], &v[from..]));
+            residual.iter_mut().zip(y).for_each(|(to, y)| *to -= y);
             add_rows(rows, residual, 1, out, from);
         }
     }

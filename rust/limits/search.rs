@@ -23,8 +23,8 @@ const PATIENCE: usize = 4;
 /// Gaps relative to `J(0) + J(u)`: where refinement ends, and from where more is tried.
 const EXACT: f64 = 1e-14;
 const GOOD: f64 = 5e-13;
-/// Dual residual from which no correction is tried.
-const NEGLIGIBLE: f64 = 1e-22;
+/// Dual residual, relative to `J(0)`, from which no correction is tried.
+pub(super) const NEGLIGIBLE: f64 = 1e-22;
 /// Rounding of the root of J from which no dual residual is believed, relative to that of `J(0) + J(u)`.
 const UNKNOWN: f64 = 1e-6;
 /// Rounding of a gradient, in units of its size.

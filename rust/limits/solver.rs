@@ -7,7 +7,7 @@ use super::quadratic::{Quadratic, Until};
 use super::search::{FACTORIZATIONS, Search};
 use super::solve::{Most, Penalty, Solution, Warm, find, measured, stacked, tell};
 use crate::error::{Error, Result, require_finite, sized};
-use crate::memory::{checked_len, try_copy, try_zeros};
+use crate::memory::{checked_len, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
 
 const WHAT: &str = "a control within limits";
@@ -26,6 +26,9 @@ pub struct Solver {
     /// `[state target]` after reduction: the rows of `T` first, then those that no input changes.
     map: Vec<f64>,
     n: usize,
+    /// `(x, 1)`, and what [`Dense::combine`] keeps of each of its entries, where these are few.
+    z: Vec<f64>,
+    lines: [Vec<f64>; 2],
     warm: Warm,
     /// `y` and result of a call.
     y: Vec<f64>,
@@ -61,7 +64,10 @@ impl Solver {
         dense.reserve()?;
         let (warm, y, found, mut search) = (Warm::new(d)?, try_zeros(WHAT, d)?, Solution::sized(d)?, Search::new(d)?);
         search.reserve()?;
-        Ok(Self { search, dense, low, high, shift, map, n, warm, y, found })
+        let (mut z, len) = (try_zeros(WHAT, n + 1)?, if 2 * n < d { checked_len(WHAT, n + 1, dense.ld)? } else { 0 });
+        let lines = [try_room(WHAT, len)?, try_room(WHAT, len)?];
+        z[n] = 1.0;
+        Ok(Self { search, dense, low, high, shift, map, n, z, lines, warm, y, found })
     }
 
     /// The best control for `x`. After an error, all is as before. Without allocations, unless rounding hides the best.
@@ -76,7 +82,15 @@ impl Solver {
         let at = |row: &[f64]| row[n] - x.iter().zip(row).map(|(x, v)| x * v).sum::<f64>();
         self.y.iter_mut().zip(of_inputs.chunks_exact(n + 1)).for_each(|(y, row)| *y = at(row));
         self.dense.rest = others.chunks_exact(n + 1).map(|row| at(row).powi(2)).sum();
-        self.dense.aim(&self.y)?;
+        if 2 * n < d {
+            self.z[..n].copy_from_slice(x);
+            self.dense.combine(&mut self.lines, (&self.y, &self.z), |j, y| {
+                let entry = |row: &[f64]| if j < n { -row[j] } else { row[n] };
+                y.iter_mut().zip(of_inputs.chunks_exact(n + 1)).for_each(|(y, row)| *y = entry(row));
+            })?;
+        } else {
+            self.dense.aim(&self.y)?;
+        }
         let bounds = Bounds { low: &self.low, high: &self.high };
         let first = self.warm.later(self.shift);
         let ended = find(&mut self.dense, &mut self.search, bounds, first, until)?;

@@ -6,6 +6,7 @@ use crate::limits::bounds::Bounds;
 use crate::limits::factor::Factor;
 use crate::limits::kernel::{add_gradient, add_lines, combined, descend, padded};
 use crate::limits::quadratic::{Quadratic, Until};
+use crate::limits::search::NEGLIGIBLE;
 use crate::memory::{try_extend, try_room, try_zeros};
 use crate::vector;
 
@@ -13,8 +14,6 @@ use crate::vector;
 const SMALL: usize = 16;
 /// Inputs up to which the inverse, which cannot be interrupted, takes a second at most.
 const LARGE: usize = 1500;
-/// Gap, relative to `J(0)`, that need not be told from 0.
-const NOTHING: f64 = 1e-24;
 /// Most sweeps of coordinate descent that guess which limits are reached.
 const SWEEPS: usize = 4;
 
@@ -23,9 +22,8 @@ impl Dense {
     pub(crate) fn reserve(&mut self) -> Result<()> {
         if (SMALL..=LARGE).contains(&self.d) {
             (self.inverse, self.spare) = (try_zeros(WHAT, self.h.len())?, try_zeros(WHAT, self.h.len())?);
-            self.centre = try_room(WHAT, self.ld)?;
         }
-        self.none = try_zeros(WHAT, self.d)?;
+        (self.centre, self.none) = (try_room(WHAT, self.ld)?, try_zeros(WHAT, self.d)?);
         self.beside()
     }
 
@@ -79,6 +77,10 @@ impl Quadratic for Dense {
         let limits = held.iter().filter(|held| **held != 0).count();
         self.faces += 1;
         let again = self.unlimited && limits == 0; // the last face was the same
+        if again && !self.ill && !self.centre.is_empty() {
+            u.copy_from_slice(&self.centre[..d]);
+            return Ok(true);
+        }
         let due = (SMALL..=LARGE).contains(&d) && !self.tried && self.faces > 1 + usize::from(!self.unlimited);
         if due && !again && 2 * limits <= d {
             self.invert(until)?;
@@ -190,9 +192,10 @@ impl Quadratic for Dense {
 
     fn dual_norm(&mut self, held: &[i8], e: &[f64], until: Until<'_>) -> Result<f64> {
         let all = held.iter().all(|held| *held == 0);
-        // H >= min R
-        let most = vector::dot(e, e) / self.least;
-        if most <= NOTHING * self.zero {
+        // H >= min R, and H^{-1} <= its norm, but for the rounding of an inverse that is kept
+        let root = if self.inverted { self.size.min(1.0 / self.least) } else { 1.0 / self.least };
+        let most = 1.001 * root * vector::dot(e, e);
+        if most <= NEGLIGIBLE * self.zero {
             return Ok(most);
         }
         let (by_inverse, by_face) = (self.inverted && all, self.unlimited && all);

@@ -6,9 +6,9 @@ use std::cell::Cell;
 
 use crate::error::{Error, Result, require_finite};
 use crate::limits::factor::{Factor, squared};
-use crate::limits::kernel::{add_transposed, padded};
+use crate::limits::kernel::{add_transposed, combined, padded};
 use crate::limits::quadratic::{Quadratic, Until};
-use crate::memory::{checked_len, try_copy, try_room, try_zeros};
+use crate::memory::{checked_len, try_copy, try_extend, try_room, try_zeros};
 use crate::vector;
 
 const WHAT: &str = "a control within limits";
@@ -49,8 +49,9 @@ pub(super) struct Dense {
     others: Vec<usize>,
     /// `other` is of `H` itself.
     pub(super) whole: bool,
-    /// `H^{-1}`, in lines like `H`; whether it serves for all faces, and whether that was tried.
+    /// `H^{-1}`, in lines like `H`, its Frobenius norm; whether it serves for all faces, and whether that was tried.
     inverse: Vec<f64>,
+    size: f64,
     inverted: bool,
     tried: bool,
     /// As large as `inverse`.
@@ -119,7 +120,7 @@ impl Dense {
         copy.r.copy_from_slice(&self.r);
         copy.h.copy_from_slice(&self.h);
         copy.curvature.copy_from_slice(&self.curvature);
-        copy.inverse = try_copy(WHAT, &self.inverse)?;
+        (copy.inverse, copy.size) = (try_copy(WHAT, &self.inverse)?, self.size);
         (copy.prepared, copy.inverted, copy.tried) = (self.prepared, self.inverted, self.tried);
         (copy.triangular, copy.least) = (self.triangular, self.least);
         Ok(copy)
@@ -163,10 +164,15 @@ impl Dense {
 
     /// Takes `y`.
     pub(super) fn aim(&mut self, y: &[f64]) -> Result<()> {
-        self.y.copy_from_slice(y);
         self.f.fill(0.0);
+        add_transposed(&self.m, y, self.triangular, &mut self.f);
         self.centre.clear();
-        add_transposed(&self.m, &self.y, self.triangular, &mut self.f);
+        self.aimed(y)
+    }
+
+    /// Takes `y`, whose `M'y` is there.
+    fn aimed(&mut self, y: &[f64]) -> Result<()> {
+        self.y.copy_from_slice(y);
         self.zero = vector::dot(&self.y, &self.y) + self.rest;
         if self.zero.is_finite() && self.f.iter().all(|v| v.is_finite()) {
             Ok(())
@@ -175,6 +181,37 @@ impl Dense {
             require_finite("y", y)?;
             Err(Error::Overflow { what: "the square of `y`" })
         }
+    }
+
+    /// Takes `y = sum_j z_j y_j`, of which `lines` keeps the `M'y_j` and, once the inverse or the factor of `H` is
+    /// there, the `H^{-1} M'y_j`; while they are empty, `column` gives `y_j`.
+    pub(super) fn combine(
+        &mut self,
+        lines: &mut [Vec<f64>; 2],
+        (y, z): (&[f64], &[f64]),
+        column: impl Fn(usize, &mut [f64]),
+    ) -> Result<()> {
+        let ([pulls, centres], ld) = (lines, self.ld);
+        if pulls.is_empty() {
+            try_extend(WHAT, pulls, std::iter::repeat_n(0.0, z.len() * ld))?;
+            for (j, line) in pulls.chunks_exact_mut(ld).enumerate() {
+                column(j, &mut self.residual);
+                add_transposed(&self.m, &self.residual, self.triangular, line);
+            }
+        }
+        combined(pulls, z, &mut self.f);
+        if centres.is_empty() && (self.inverted || self.unlimited && !self.ill) {
+            try_extend(WHAT, centres, pulls.iter().copied())?;
+            for (pull, line) in pulls.chunks_exact(ld).zip(centres.chunks_exact_mut(ld)) {
+                if self.inverted { combined(&self.inverse, pull, line) } else { self.factor.solve(line) }
+            }
+        }
+        self.centre.clear();
+        if !centres.is_empty() {
+            try_extend(WHAT, &mut self.centre, std::iter::repeat_n(0.0, ld))?;
+            combined(centres, z, &mut self.centre);
+        }
+        self.aimed(y)
     }
 
     /// `H^{-1}`, if it is kept.
@@ -199,7 +236,8 @@ impl Dense {
         }
         self.factor.inverted(&mut self.spare, &mut self.inverse)?;
         // cond(H) <= ||H||_F ||H^{-1}||_F
-        self.inverted = vector::norm(&self.inverse) * vector::norm(&self.h) <= ILL;
+        self.size = vector::norm(&self.inverse);
+        self.inverted = self.size * vector::norm(&self.h) <= ILL;
         Ok(())
     }
 }

@@ -7,7 +7,7 @@ use super::quadratic::{Quadratic, Until};
 use super::search::{FACTORIZATIONS, Search};
 use super::solve::{Most, Penalty, Solution, Warm, find, measured, stacked, tell};
 use crate::error::{Error, Result, require_finite, sized};
-use crate::memory::{checked_len, try_copy, try_room, try_zeros};
+use crate::memory::{checked_len, try_copy, try_zeros};
 use crate::parallel::Stop;
 
 const WHAT: &str = "a control within limits";
@@ -26,7 +26,7 @@ pub struct Solver {
     /// `[state target]` after reduction: the rows of `T` first, then those that no input changes.
     map: Vec<f64>,
     n: usize,
-    /// `(x, 1)`, and what [`Dense::combine`] keeps of each of its entries, where these are few.
+    /// `(x, 1)`, and the lines of its entries, where these are few.
     z: Vec<f64>,
     lines: [Vec<f64>; 2],
     warm: Warm,
@@ -64,9 +64,14 @@ impl Solver {
         dense.reserve()?;
         let (warm, y, found, mut search) = (Warm::new(d)?, try_zeros(WHAT, d)?, Solution::sized(d)?, Search::new(d)?);
         search.reserve()?;
-        let (mut z, len) = (try_zeros(WHAT, n + 1)?, if 2 * n < d { checked_len(WHAT, n + 1, dense.ld)? } else { 0 });
-        let lines = [try_room(WHAT, len)?, try_room(WHAT, len)?];
+        let (mut z, mut lines) = (try_zeros(WHAT, n + 1)?, <[Vec<f64>; 2]>::default());
         z[n] = 1.0;
+        if 2 * n < d {
+            let of_inputs = map[..d * (n + 1)].chunks_exact(n + 1);
+            let entry = |row: &[f64], j: usize| if j < n { -row[j] } else { row[n] };
+            let column = |j, y: &mut [f64]| y.iter_mut().zip(of_inputs.clone()).for_each(|(y, row)| *y = entry(row, j));
+            lines = dense.lines(n + 1, column, Until::new(stop, None))?;
+        }
         Ok(Self { search, dense, low, high, shift, map, n, z, lines, warm, y, found })
     }
 
@@ -82,14 +87,11 @@ impl Solver {
         let at = |row: &[f64]| row[n] - x.iter().zip(row).map(|(x, v)| x * v).sum::<f64>();
         self.y.iter_mut().zip(of_inputs.chunks_exact(n + 1)).for_each(|(y, row)| *y = at(row));
         self.dense.rest = others.chunks_exact(n + 1).map(|row| at(row).powi(2)).sum();
-        if 2 * n < d {
-            self.z[..n].copy_from_slice(x);
-            self.dense.combine(&mut self.lines, (&self.y, &self.z), |j, y| {
-                let entry = |row: &[f64]| if j < n { -row[j] } else { row[n] };
-                y.iter_mut().zip(of_inputs.chunks_exact(n + 1)).for_each(|(y, row)| *y = entry(row));
-            })?;
-        } else {
+        if self.lines[0].is_empty() {
             self.dense.aim(&self.y)?;
+        } else {
+            self.z[..n].copy_from_slice(x);
+            self.dense.combine(&self.lines, &self.y, &self.z)?;
         }
         let bounds = Bounds { low: &self.low, high: &self.high };
         let first = self.warm.later(self.shift);

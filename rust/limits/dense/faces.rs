@@ -4,16 +4,18 @@ use super::{Dense, ILL, WHAT};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
 use crate::limits::factor::Factor;
-use crate::limits::kernel::{add_gradient, add_lines, combined, descend, padded};
+use crate::limits::kernel::{add_gradient, add_lines, add_transposed, combined, descend, padded};
 use crate::limits::quadratic::{Quadratic, Until};
 use crate::limits::search::NEGLIGIBLE;
-use crate::memory::{try_extend, try_room, try_zeros};
+use crate::memory::{checked_len, try_copy, try_extend, try_filled, try_room, try_zeros};
 use crate::vector;
 
 /// Inputs from which the inverse of `H` is worth its cost.
 const SMALL: usize = 16;
 /// Inputs up to which the inverse, which cannot be interrupted, takes a second at most.
 const LARGE: usize = 1500;
+/// Condition of `H` up to which solutions are combined.
+const PLAIN: f64 = 1e5;
 /// Most sweeps of coordinate descent that guess which limits are reached.
 const SWEEPS: usize = 4;
 
@@ -33,6 +35,41 @@ impl Dense {
             (self.other, self.others) = (Factor::new(self.d)?, try_room(WHAT, self.d)?);
         }
         Ok(())
+    }
+
+    /// `M'y_j` and `H^{-1} M'y_j` of as many `y_j`, which `column` gives, each in a line. None where the second would
+    /// be less exact than a solution.
+    pub(crate) fn lines(
+        &mut self,
+        count: usize,
+        column: impl Fn(usize, &mut [f64]),
+        until: Until<'_>,
+    ) -> Result<[Vec<f64>; 2]> {
+        self.prepare(until)?;
+        let (ld, all) = (self.ld, try_filled(WHAT, 0, self.d)?);
+        let whole = block((&self.h, ld), &all, &mut self.free, None, &mut self.factor, until)?;
+        self.unlimited = whole && self.factor.condition() <= PLAIN;
+        if !self.unlimited {
+            return Ok(<[Vec<f64>; 2]>::default());
+        }
+        let mut pulls = try_zeros(WHAT, checked_len(WHAT, count, ld)?)?;
+        for (j, line) in pulls.chunks_exact_mut(ld).enumerate() {
+            column(j, &mut self.residual);
+            add_transposed(&self.m, &self.residual, self.triangular, line);
+        }
+        let mut centres = try_copy(WHAT, &pulls)?;
+        centres.chunks_exact_mut(ld).for_each(|line| self.factor.solve(line));
+        Ok([pulls, centres])
+    }
+
+    /// Takes `y = sum_j z_j y_j` by their lines.
+    pub(crate) fn combine(&mut self, [pulls, centres]: &[Vec<f64>; 2], y: &[f64], z: &[f64]) -> Result<()> {
+        combined(pulls, z, &mut self.f);
+        if self.centre.is_empty() {
+            try_extend(WHAT, &mut self.centre, std::iter::repeat_n(0.0, self.ld))?;
+        }
+        combined(centres, z, &mut self.centre);
+        self.aimed(y)
     }
 
     /// `v <- H_FF^{-1} v` by the factor of the block.
@@ -77,7 +114,8 @@ impl Quadratic for Dense {
         let limits = held.iter().filter(|held| **held != 0).count();
         self.faces += 1;
         let again = self.unlimited && limits == 0; // the last face was the same
-        if again && !self.ill && !self.centre.is_empty() {
+        if again && !self.centre.is_empty() {
+            (self.by_inverse, self.ill) = (false, false);
             u.copy_from_slice(&self.centre[..d]);
             return Ok(true);
         }

@@ -6,9 +6,9 @@ use std::cell::Cell;
 
 use crate::error::{Error, Result, require_finite};
 use crate::limits::factor::{Factor, squared};
-use crate::limits::kernel::{add_transposed, combined, padded};
+use crate::limits::kernel::{add_transposed, padded};
 use crate::limits::quadratic::{Quadratic, Until};
-use crate::memory::{checked_len, try_copy, try_extend, try_room, try_zeros};
+use crate::memory::{checked_len, try_copy, try_room, try_zeros};
 use crate::vector;
 
 const WHAT: &str = "a control within limits";
@@ -171,7 +171,7 @@ impl Dense {
     }
 
     /// Takes `y`, whose `M'y` is there.
-    fn aimed(&mut self, y: &[f64]) -> Result<()> {
+    pub(super) fn aimed(&mut self, y: &[f64]) -> Result<()> {
         self.y.copy_from_slice(y);
         self.zero = vector::dot(&self.y, &self.y) + self.rest;
         if self.zero.is_finite() && self.f.iter().all(|v| v.is_finite()) {
@@ -181,37 +181,6 @@ impl Dense {
             require_finite("y", y)?;
             Err(Error::Overflow { what: "the square of `y`" })
         }
-    }
-
-    /// Takes `y = sum_j z_j y_j`, of which `lines` keeps the `M'y_j` and, once the inverse or the factor of `H` is
-    /// there, the `H^{-1} M'y_j`; while they are empty, `column` gives `y_j`.
-    pub(super) fn combine(
-        &mut self,
-        lines: &mut [Vec<f64>; 2],
-        (y, z): (&[f64], &[f64]),
-        column: impl Fn(usize, &mut [f64]),
-    ) -> Result<()> {
-        let ([pulls, centres], ld) = (lines, self.ld);
-        if pulls.is_empty() {
-            try_extend(WHAT, pulls, std::iter::repeat_n(0.0, z.len() * ld))?;
-            for (j, line) in pulls.chunks_exact_mut(ld).enumerate() {
-                column(j, &mut self.residual);
-                add_transposed(&self.m, &self.residual, self.triangular, line);
-            }
-        }
-        combined(pulls, z, &mut self.f);
-        if centres.is_empty() && (self.inverted || self.unlimited && !self.ill) {
-            try_extend(WHAT, centres, pulls.iter().copied())?;
-            for (pull, line) in pulls.chunks_exact(ld).zip(centres.chunks_exact_mut(ld)) {
-                if self.inverted { combined(&self.inverse, pull, line) } else { self.factor.solve(line) }
-            }
-        }
-        self.centre.clear();
-        if !centres.is_empty() {
-            try_extend(WHAT, &mut self.centre, std::iter::repeat_n(0.0, ld))?;
-            combined(centres, z, &mut self.centre);
-        }
-        self.aimed(y)
     }
 
     /// `H^{-1}`, if it is kept.

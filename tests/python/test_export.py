@@ -339,6 +339,22 @@ def test_known_plans(tmp_path: Path) -> None:
 
 
 @needs_gcc
+def test_what_acts_may_be_anywhere(tmp_path: Path) -> None:
+    """Limits are kept before rates, and what no number can be is not taken for what acts."""
+    limits = se.Limits(u=(-1.0, 1.0), rate=0.1, previous=0.0)
+    se.regulate(([[1.0]], [[1.0]]), 4, limits=limits).to_c(tmp_path / "one.h", name="one")
+    c = Controller(tmp_path / "one.h", 1)
+    for y in (np.nan, 3.0):
+        c.start()
+        c.c.applied()[0] = np.nan
+        assert abs(c.step([y])[1][0]) <= 0.1
+        c.c.applied()[0] = 5.0
+        assert c.step([y])[1] == 1.0
+        c.c.applied()[0] = np.nan
+        assert 0.9 <= c.step([y])[1][0] <= 1.0
+
+
+@needs_gcc
 def test_an_unstable_plant_over_many_steps(tmp_path: Path) -> None:
     """A cart-pole that grows by 4000 over the horizon: the core and C plan alike."""
     A = [[1, 0.01, 0, 0], [0, 1, 0.039, 0], [0, 0, 1.002, 0.01], [0, 0, 0.458, 1.002]]

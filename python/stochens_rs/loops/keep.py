@@ -49,10 +49,10 @@ class Kept:
     limited changes of the inputs are below these, as in `names`. The promise begins with the first
     window of which every reading came.
 
-    The promise ends where a state is not known, a reading is missing or rejected, another input
-    acted than was returned, or an input had to be cut to its limits: `ended` and the log then say
-    so. The loop goes on by such plans, from its estimate of the window, with status "unproved",
-    until `reset`.
+    The promise ends behind its calls, and where a state is not known or beyond its limits, a
+    reading is missing or rejected, another input acted than was returned, an input had to be cut to
+    its limits, or the watch of the loop rings: `ended` and the log then say so. The loop goes on by
+    such plans, from its estimate of the window, with status "unproved", until `reset`.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Kept:
         self._model = np.zeros(len(self.low))
         self._start: Floats | None = None
         self._plan: Floats | None = None
-        self.since = 0  # steps since the plan began
+        self.since, self.count = 0, 0  # steps since the plan began, and calls since the first plan
         self.missing = 0.0
         self.ended: str | None = None
 
@@ -339,6 +339,16 @@ def cut(kept: Kept, v: Floats, u: Floats, acted: Floats) -> list[str]:
     """The promise ends where v had to be cut to u, but for rounding; what to say of it."""
     off = np.abs(v - u) > 1e-9 * (np.abs(v) + np.abs(acted))
     return kept.end("an input had to be cut to its limits") if off.any() else []
+
+
+def lapsed(kept: Kept, x: Floats) -> list[str]:
+    """The promise ends behind its calls, and where x is beyond a limit; what to say of it."""
+    n, kept.count = len(x), kept.count + 1
+    low, high = kept.low[:n], kept.high[:n]
+    beyond = np.maximum(low - x, x - high) > 1e-9 * np.abs(x)
+    if beyond.any():
+        return kept.end(f"{kept.names[int(beyond.argmax())]} was beyond its limits")
+    return kept.end("its calls are over") if kept.count > kept.calls + 1 else []
 
 
 def resumed(state: dict[str, Any] | None) -> Kept | None:

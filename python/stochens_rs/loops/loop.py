@@ -7,7 +7,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 
@@ -325,9 +325,11 @@ class ControlLoop(Durable, Generic[Entry]):
     def _entered(self, entry: Entry, u: Floats, read: Floats, acted: Floats) -> Floats:
         """Write a call down, with what the watch says; what is returned is the caller's own."""
         if self.watch is not None:
-            found = self.watch(read, u, applied=acted)
-            of: Any = entry
-            entry = of._replace(watch=found)
+            found, of, own = self.watch(read, u, applied=acted), cast(Any, entry), cast(Any, self)
+            why = [] if of.reason is None else [of.reason]
+            if found.status == "alarm" and own.kept is not None:
+                why += own.kept.end("the watch rings")
+            entry = of._replace(watch=found, reason="; ".join(why) or None)
         self._last = u
         self._calls += 1
         self._log.append(entry)

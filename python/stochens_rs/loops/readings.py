@@ -42,7 +42,7 @@ from ..identification.model import Model
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits, steps_ahead
 from ..limits.problem import forecast_of, loop_of, read_task
 from ..validation.held_out import PredictedLoop
-from .keep import Found, Keep, Kept, cut, limits_of_readings, resumed
+from .keep import Found, Keep, Kept, cut, lapsed, limits_of_readings, resumed
 from .loop import ControlLoop
 from .regulator import condensed, continued, warn_of_growth
 from .sensors import Range, bounded, explained
@@ -250,25 +250,32 @@ class ReadingLoop(ControlLoop[Reading]):
         if keep is not None:
             made = limits_of_readings(system, task, keep, within, offset_free)
             policy, self._system, self.kept = made
-        if hold is None and task.previous is not None:
-            hold = task.previous
         drift = None
         if not isinstance(offset_free, bool | np.bool_):
             drift = np.full(m, validation.positive("offset_free", offset_free))
         elif offset_free:
             # a copy: NumPy can crash on strided arrays where memory runs out
             drift = 0.01 * np.sqrt(np.square(model.data.pairs()[1].copy()).mean(axis=0))
-        safe = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
-        super().__init__(trusted(Labels, model.outputs, model.input_names), safe)
+        self._low, self._high, self._weights = task.low[0].copy(), task.high[0].copy(), outputs
+        fixed = ~np.isnan(ahead[0])
+        self._low[fixed], self._high[fixed] = -np.inf, np.inf
+        before = np.zeros(m) if task.previous is None else task.previous
+        safe = before if hold is None else validation.vector("hold", hold, length=m).copy()
+        first = np.clip(safe, self._low, self._high)
+        far = bool((np.abs(safe - before) > self._rate).any())
+        if hold is not None and (far or (first != safe).any()):
+            raise InputError(
+                "`hold` must be within the limits of the inputs, and within `rate` of `previous`, "
+                f"got {safe.tolist()}"
+            )
+        super().__init__(trusted(Labels, model.outputs, model.input_names), first)
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
         self._policy, self._asked, self._drift, self._steps = policy, asked, drift, K
-        self._low, self._high, self._weights = task.low[0].copy(), task.high[0].copy(), outputs
         self._of(model, gain)
         self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
         self._rows, self._way = self._padded(targets(model, target)), None
-        here, fixed = model.data.pairs()[0].mean(axis=0), ~np.isnan(ahead[0])
+        here = model.data.pairs()[0].mean(axis=0)
         self._given, self._measures, self._acted = ahead, bool(fixed.any()), self._safe
-        self._low[fixed], self._high[fixed] = -np.inf, np.inf
         self._require(self._rows, here)
         self._aimed = self._rows[0], here, ahead[-1]
         self._restore((None, ()))
@@ -311,6 +318,7 @@ class ReadingLoop(ControlLoop[Reading]):
         return warm, window, None if self.kept is None else self.kept.__getstate__()
 
     def _forget(self) -> None:
+        self._safe = np.where(np.isfinite(self._rate), self._last, self._safe)
         self._window.resume()
         self._bias: Floats = np.zeros(self.model.n_outputs)
         self._fading, self._past = (np.zeros(self.model.m), 0.0), self._rows[0]
@@ -552,7 +560,9 @@ class ReadingLoop(ControlLoop[Reading]):
         else:
             off[: len(x)] = x - xs
             if np.isfinite(self._rate).any():
-                solver.follow(acted - us)
+                # what acts may be where no step leads within the limits: the nearest that does
+                reached = np.clip(acted, self._low - self._rate, self._high + self._rate)
+                solver.follow(reached - us)
         if way is not None:
             solver.toward(np.pad(way, [(0, 0), (0, len(off) - len(bias))]))
         found = solver.solve(off, None)
@@ -584,6 +594,7 @@ class ReadingLoop(ControlLoop[Reading]):
         try:
             whole = self._whole(x, x, acted)[: kept.n]
             _, u, status, _ = kept.choose(whole, planned(), again, math.inf)
+            why += lapsed(kept, whole)
         except SolverError as error:
             self._solver, u, status = None, kept.proof.K @ x, "infeasible"
             why.append(str(error))

@@ -143,10 +143,8 @@ def regulate(
     and the system the linear one of the data.
 
     The states of a model of outputs are its window, known exactly while all readings come: what is
-    white is what no window predicts. The promise begins with the first full window. It ends, with
-    status "unproved" from then on, where a state is not known, a reading is missing or rejected,
-    another input acted than was returned, or an input had to be cut to its limits; the loop goes
-    on.
+    white is what no window predicts. The promise begins with the first full window. `Kept` says
+    where it ends; the status is "unproved" from then on, and the loop goes on.
 
     Examples
     --------

@@ -30,7 +30,7 @@ from ..limits.problem import (
 )
 from ..system.system import System
 from ..validation.held_out import PredictedLoop
-from .keep import Found, Kept, cut, resumed
+from .keep import Found, Kept, cut, lapsed, resumed
 from .loop import ControlLoop, counted
 
 MOST = 33_000  # numbers of plans with limits of states in C: 1 MB of text
@@ -308,7 +308,7 @@ class Regulator(ControlLoop[Call]):
                     self.kept.since += 1
                     reason = "; ".join([str(reason), *self.kept.end("a state was not known")])
                 elif plan is not None:
-                    u = plan[min(held, self.steps - 1)].copy()
+                    u = np.clip(plan[min(held, self.steps - 1)], *self.limits)
             elif self.kept is None:
                 plan, status, gap = found
                 u = found[0][0].copy()
@@ -334,7 +334,7 @@ class Regulator(ControlLoop[Call]):
         try:
             plan, v, status, gap = kept.choose(x, found, again, started + (limit or np.inf))
             u = np.clip(v, kept.low[self.n :], kept.high[self.n :])
-            reason = "; ".join(cut(kept, v, u, self._last)) or None
+            reason = "; ".join(cut(kept, v, u, self._last) + lapsed(kept, x)) or None
             return plan, u, "unproved" if kept.ended else status, gap, reason
         except SolverError as error:
             self._set(self._system, self._acting())  # without what was kept back for the model

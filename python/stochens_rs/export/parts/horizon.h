@@ -222,16 +222,16 @@ static inline void @_blank(@_plan *p)
     p->exchanges = 0;
 }
 
-/* Within the limits in any case, each step from the one before. */
+/* Within the limits in any case, each step from the one before where a step leads there. */
 static inline void @_clip(@_plan *p, const @_real *us, const @_real *now)
 {
     for (int i = 0; i < $_V; ++i) {
-        @_wide v = @_within(p->u[i], @_low[i] - us[i % $_M], @_high[i] - us[i % $_M]);
+        @_wide v = p->u[i];
         if ($_RATES) {
             @_wide before = i < $_M ? now[i] - us[i] : p->u[i - $_M];
             v = @_within(v, before - @_rate[i % $_M], before + @_rate[i % $_M]);
         }
-        p->u[i] = v;
+        p->u[i] = @_within(v, @_low[i] - us[i % $_M], @_high[i] - us[i % $_M]);
     }
 }
 

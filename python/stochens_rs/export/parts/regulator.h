@@ -3,6 +3,7 @@
 typedef struct {
     @_plan plan;
     @_real u[$_M]; /* the input returned last: with rates, write here what was applied if it was another one */
+    @_real last[$_M]; /* the same, where that cannot be true */
     int held;      /* calls in a row without a state; -1 before the first plan */
 } @;
 
@@ -31,7 +32,7 @@ static inline void @_start(@ *s)
     @_blank(&s->plan);
     (void)@_target(s, @_goal);
     for (int j = 0; j < $_M; ++j)
-        s->u[j] = @_begin[j];
+        s->u[j] = s->last[j] = @_begin[j];
     s->held = -1;
 }
 
@@ -42,6 +43,9 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
     for (int i = 0; i < $_N; ++i)
         if (!@_fits(y[i], @_most[i]))
             code = $_HELD;
+    for (int j = 0; j < $_M; ++j)
+        if (!@_fits(s->u[j], $_LARGEST))
+            s->u[j] = s->last[j];
     if (code == $_OK)
         code = @_solve(&s->plan, y, s->u);
     if (code != $_HELD)
@@ -49,9 +53,9 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
     else if (s->held >= 0 && s->held < $_STEPS - 1)
         ++s->held;
     for (int j = 0; j < $_M; ++j) {
-        if (s->held >= 0)
-            s->u[j] = $_R(s->plan.u[s->held * $_M + j]);
-        u[j] = s->u[j];
+        @_wide v = s->held >= 0 ? s->plan.u[s->held * $_M + j] : $_W(s->u[j]);
+        s->u[j] = $_R(@_within(v, @_low[j], @_high[j]));
+        u[j] = s->last[j] = s->u[j];
     }
     return code;
 }

@@ -82,6 +82,20 @@ def test_what_is_held_is_within_the_limits_of_the_first_step():
     assert loop([np.nan]) == -0.1
 
 
+def test_no_tube_where_the_loop_itself_saw_why_not(model):
+    gain = se.gain(model, 1.0, 1.0)
+    near = se.regulate(gain, limits=(-0.1, 0.1), offset_free=False)
+    near.start(([[8.0], [8.0], [8.0]], [[0.0], [0.0]]))
+    with pytest.raises(InputError, match="would be cut in step 1"):
+        near.tube(6)
+    wrong, y = se.regulate(gain, limits=(-2.0, 2.0), offset_free=True), [0.0, 0.0]
+    for _ in range(80):
+        y.append(0.2 * y[-1] + 0.4 * y[-2] - float(wrong([y[-1]])[0]) + 1.0)
+    assert wrong.log[-1].status == "unproved"
+    with pytest.raises(InputError, match="`tube` has no proof"):
+        wrong.tube(5)
+
+
 @pytest.fixture
 def kept():
     """A loop with a promise for 20 calls: ``x+ = 0.9 x + u + 0.05 w``, x within 2."""

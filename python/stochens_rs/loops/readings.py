@@ -1032,8 +1032,8 @@ class ReadingLoop(ControlLoop[Reading]):
         Raises
         ------
         InputError, InputTypeError
-            As `certificate`; or if the window is not full, a reading in it was missing, or inputs
-            are measured.
+            As `certificate`; or if the window is not full, a reading in it was missing, inputs are
+            measured, the log says "unproved", or an input of the centre is beyond its limits.
 
         Notes
         -----
@@ -1056,6 +1056,8 @@ class ReadingLoop(ControlLoop[Reading]):
         proof, now = self.certificate(delta), self._window.now
         if now is None or not now[1] or not self._runs:
             raise InputError("`tube` needs a full window, of which no reading was missing")
+        if self._log and self._log[-1].status == "unproved":
+            raise InputError(f"`tube` has no proof: {self._log[-1].reason}")
         if self._measures:
             raise InputError("`tube` is for loops without measured inputs: their way is not known")
         K, model = validation.size("steps", steps), self.model
@@ -1070,6 +1072,14 @@ class ReadingLoop(ControlLoop[Reading]):
             x, e = model.A @ x + model.B @ u + c, e - self._learning[0] @ e
             xs, us = self._point.moving(e, ways[k], slopes[k], self._moves[2])
             u = self._policy @ (x - xs) + forward[k] + us + more * by**k
+        changes = np.abs(np.diff(inputs, axis=0, prepend=self._acted[None]))
+        cut = (np.clip(inputs, self._low, self._high) != inputs) | (changes > 1.000001 * self._rate)
+        if cut.any():
+            k, j = np.argwhere(cut)[0]
+            raise InputError(
+                f"`tube` is about inputs within limits: {model.input_names[j]} of the centre, "
+                f"{inputs[k, j]:.3g}, would be cut in step {k}"
+            )
         return proof.tube(first, K, inputs=inputs, noise=noise)
 
     def to_c(

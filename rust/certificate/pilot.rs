@@ -31,10 +31,12 @@
 
 use std::sync::Arc;
 
+use faer::{MatMut, MatRef};
+
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::identify::{
-    By, Covariance, SLACK, chi2_quantile, chi2_upper, cholesky, fit, level, spectral_norm, triangle,
+    By, Covariance, SLACK, chi2_quantile, chi2_upper, cholesky, fit, level, spectral_norm, triangle, whiten,
 };
 use crate::matrix::MatrixView;
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
@@ -182,12 +184,8 @@ impl Pilot {
         let mut along = times_root(&apart)?;
         let beta = match cholesky(&plain.residual, n)? {
             Some(lower) => {
-                for j in 0..rank {
-                    for i in 0..n {
-                        let before: f64 = (0..i).map(|k| lower[i * n + k] * along[k * rank + j]).sum();
-                        along[i * rank + j] = (along[i * rank + j] - before) / lower[i * (n + 1)];
-                    }
-                }
+                let to = MatMut::from_row_major_slice_mut(&mut along, n, rank);
+                whiten(MatRef::from_row_major_slice(&lower, n, n), to);
                 spectral_norm(&along, n, rank)?.powi(2)
             }
             None => f64::INFINITY,

@@ -14,12 +14,12 @@ use crate::parallel::Stop;
 use super::assumed::{Assumed, Covariance, RegionMethod, Wish};
 use super::distributions::{chi2_quantile, chi2_upper};
 use super::kept::{Law, kept};
-use super::least_squares::{Fitted, WHAT, add, cholesky};
+use super::least_squares::{Fitted, WHAT, add};
 use super::levels::least_squares_level;
 use super::quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, roy_quantile, scalar_quantile, smallest_quantile, wishart_quantile,
 };
-use super::symmetric::spectral_norm;
+use super::symmetric::{log_determinant, spectral_norm};
 use super::triangle::triangle;
 use super::units::Measured;
 
@@ -242,10 +242,4 @@ fn universal(f: &Fitted, units: &Measured, delta: f64) -> Result<f64> {
         - log_multigamma(prior / 2.0, n);
     let log_rho = -2.0 / pairs * (log_marginal + delta.ln() + sides * pairs / 2.0 * (1.0 + (2.0 * PI).ln()));
     Ok((log_rho + sides * pairs.ln() - log_s).exp_m1())
-}
-
-/// `log det` of a matrix (n, n); None where it is not positive definite.
-fn log_determinant(matrix: &[f64], n: usize) -> Result<Option<f64>> {
-    let lower = cholesky(matrix, n)?;
-    Ok(lower.map(|lower| 2.0 * lower.iter().step_by(n + 1).map(|v| v.ln()).sum::<f64>()))
 }

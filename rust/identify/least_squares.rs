@@ -209,21 +209,3 @@ pub(crate) fn null_space(vectors: &[f64], s: &[f64], d: usize, share: f64) -> Re
     }
     Ok((rank, basis))
 }
-
-/// Lower triangle L (n, n) with `L L'` = `matrix`, of which the lower half is read; None where it is not positive
-/// definite.
-pub(crate) fn cholesky(matrix: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
-    let mut l = try_zeros::<f64>(WHAT, checked_len(WHAT, n, n)?)?;
-    for i in 0..n {
-        let (done, row) = l.split_at_mut(i * n);
-        for j in 0..=i {
-            let other = if j < i { &done[j * n..(j + 1) * n] } else { &row[..n] };
-            let left = matrix[i * n + j] - row[..j].iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
-            row[j] = if j < i { left / done[j * (n + 1)] } else { left.sqrt() };
-        }
-        if row[i].is_nan() || row[i] == 0.0 {
-            return Ok(None);
-        }
-    }
-    Ok(Some(l))
-}

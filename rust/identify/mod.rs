@@ -32,7 +32,7 @@ pub(crate) use distributions::{level, positive_root, root};
 pub use estimate::{Data, Estimate};
 pub use estimate_law::{Centre, EstimateLaw, NoiseLaw};
 pub use least_squares::{Fitted, fit};
-pub(crate) use least_squares::{SLACK, cholesky, lengths, null_space};
+pub(crate) use least_squares::{SLACK, lengths, null_space};
 pub(crate) use levels::smallest;
 pub use levels::{least_squares_level, one_noise, sphere_level};
 pub(crate) use normal_norm::coarse_normal_quantile;
@@ -43,7 +43,7 @@ pub use quantiles::{
 };
 pub use residual_tests::{STATISTICS, residual_checks};
 pub use span::Span;
-pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm, squares};
+pub(crate) use symmetric::{Symmetric, cholesky, covariance_root, log_determinant, spectral_norm, squares, whiten};
 pub use triangle::{triangle, update};
 pub(crate) use units::Measured;
 pub use units::{MIXTURES, Magnitudes, PRIOR_NOISE, first_pairs};

@@ -14,6 +14,7 @@ use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{Key, Purpose};
 
 use super::least_squares::fit;
+use super::symmetric::{factored, whiten};
 
 const WHAT: &str = "the residuals";
 /// Pairs that one product takes at a time: a stop is seen in between.
@@ -96,7 +97,13 @@ pub const STATISTICS: usize = 5;
 /// `|corr(||e_t||^2, h_t)|` with the leverage; `||sum_{t <= N/2} e_t q_t'||_F^2`, since the whole sum is 0.
 fn statistics(e: &mut [f64], found: &Residuals, (rank, n): (usize, usize), square: &mut [f64]) -> Result<[f64; 5]> {
     let size = e.len() / n;
-    whiten(e, n, square)?;
+    // e_t <- L^-1 e_t, L L' = sum e e'
+    let to = MatMut::from_row_major_slice_mut(square, n, n);
+    matmul(to, Accum::Replace, matrix(e, n).transpose(), matrix(e, n), 1.0, Par::Seq);
+    if !factored(square, n) {
+        return Err(Error::Numerical("the residuals do not span the outcomes: no test of them".into()));
+    }
+    whiten(matrix(square, n), MatMut::from_row_major_slice_mut(e, size, n).transpose_mut());
     let mut lags = [0.0; 5];
     for (j, lag) in (1..).zip(&mut lags).take(size.saturating_sub(1)) {
         let (later, earlier) = (matrix(&e[j * n..], n), matrix(&e[..(size - j) * n], n));
@@ -126,30 +133,6 @@ fn statistics(e: &mut [f64], found: &Residuals, (rank, n): (usize, usize), squar
         change = sums.iter().map(|v| v * v).sum();
     }
     Ok([lags.iter().sum(), lags[0], kurtosis, tilt, change])
-}
-
-/// `e_t <- L^-1 e_t`, `L L' = sum e e'`.
-fn whiten(e: &mut [f64], n: usize, square: &mut [f64]) -> Result<()> {
-    let rows = matrix(e, n);
-    matmul(MatMut::from_row_major_slice_mut(square, n, n), Accum::Replace, rows.transpose(), rows, 1.0, Par::Seq);
-    for i in 0..n {
-        let (done, row) = square.split_at_mut(i * n);
-        for j in 0..=i {
-            let sum = (0..j).map(|k| row[k] * if j < i { done[j * n + k] } else { row[k] }).sum::<f64>();
-            let value = row[j] - sum;
-            row[j] = if j < i { value / done[j * n + j] } else { value.sqrt() };
-        }
-        if row[i].is_nan() || row[i] == 0.0 {
-            return Err(Error::Numerical("the residuals do not span the outcomes: no test of them".into()));
-        }
-    }
-    for e in e.chunks_exact_mut(n) {
-        for i in 0..n {
-            let sum = (0..i).map(|k| square[i * n + k] * e[k]).sum::<f64>();
-            e[i] = (e[i] - sum) / square[i * n + i];
-        }
-    }
-    Ok(())
 }
 
 /// Tests of least squares of the rows (z, y) (N, width) on the first d columns, with p-values by simulation, and how

@@ -1,4 +1,4 @@
-//! Eigenvalues of small symmetric matrices, without memory of their own: they are needed for every draw.
+//! Eigenvalues and roots of small symmetric matrices; those that are needed for every draw without memory of their own.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -233,6 +233,42 @@ pub(crate) fn covariance_root(covariance: &[f64], n: usize) -> Result<Vec<f64>> 
         vector.iter().zip(&sizes).enumerate().for_each(|(i, (v, own))| root[i * n + q] = v * size * own);
     }
     Ok(root)
+}
+
+/// Lower triangle L (n, n) with `L L'` = `matrix`, of which the lower half is read; None where it is not positive
+/// definite.
+pub(crate) fn cholesky(matrix: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
+    let mut l = try_zeros::<f64>(WHAT, checked_len(WHAT, n, n)?)?;
+    (0..n).for_each(|i| l[i * n..=i * (n + 1)].copy_from_slice(&matrix[i * n..=i * (n + 1)]));
+    Ok(factored(&mut l, n).then_some(l))
+}
+
+/// The same in place of the lower half; false where it is not positive definite.
+pub(super) fn factored(matrix: &mut [f64], n: usize) -> bool {
+    (0..n).all(|i| {
+        let (done, row) = matrix.split_at_mut(i * n);
+        for j in 0..=i {
+            let other = if j < i { &done[j * n..(j + 1) * n] } else { &row[..n] };
+            let left = row[j] - row[..j].iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
+            row[j] = if j < i { left / done[j * (n + 1)] } else { left.sqrt() };
+        }
+        row[i] > 0.0
+    })
+}
+
+/// `log det` of a symmetric matrix (n, n); None where it is not positive definite.
+pub(crate) fn log_determinant(matrix: &[f64], n: usize) -> Result<Option<f64>> {
+    Ok(cholesky(matrix, n)?.map(|l| 2.0 * l.iter().step_by(n + 1).map(|v| v.ln()).sum::<f64>()))
+}
+
+/// `X <- L^-1 X`, of L the lower half.
+pub(crate) fn whiten(l: MatRef<'_, f64>, mut x: MatMut<'_, f64>) {
+    for mut x in x.as_mut().col_iter_mut() {
+        for i in 0..l.nrows() {
+            let done = (0..i).map(|k| l[(i, k)] * x[k]).sum::<f64>();
+            x[i] = (x[i] - done) / l[(i, i)];
+        }
+    }
 }
 
 #[cfg(test)]

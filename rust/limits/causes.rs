@@ -4,11 +4,10 @@
 //! `e = (Theta - H) z + b d + M_y s + n` for constants d at the inputs and s of the sensors, `b = -M_u`, z at rest.
 //! Causes are refuted where what they leave of e is outside of the sum of the ellipsoids of n and of `(Theta - H) z`.
 
-use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
-use crate::identify::chi2_upper;
+use crate::identify::{chi2_upper, whiten};
 use crate::memory::{covered, room_for_products, try_collect, try_collect_all, try_extend};
 use crate::region::Region;
 
@@ -63,8 +62,9 @@ struct Ellipsoids<'a> {
 
 /// `L^-1` of `a = L L'`; None where it is not positive definite.
 fn whitening(a: &Matrix) -> Option<Matrix> {
-    let root = a.llt(Side::Lower).ok()?;
-    Some(root.L().partial_piv_lu().solve(Matrix::identity(a.nrows(), a.nrows())))
+    let mut white = Matrix::identity(a.nrows(), a.nrows());
+    whiten(a.llt(Side::Lower).ok()?.L(), white.as_mut());
+    Some(white)
 }
 
 /// The covariance of the mean over so many calls of `e+ = e + L (w - e)`, long after.

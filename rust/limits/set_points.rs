@@ -14,6 +14,7 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result, sized};
+use crate::identify::whiten;
 use crate::matrix::MatrixView;
 use crate::memory::{covered, room_for_products, try_collect, try_extend, try_push, try_zeros};
 use crate::parallel::Stop;
@@ -605,14 +606,14 @@ impl SetPoints {
             return Ok(None);
         }
         let Ok(root) = shape.llt(Side::Lower) else { return Ok(None) };
-        let back = root.L().partial_piv_lu();
         let last = |i: usize| if self.window.intercept() && i == d - 1 { 1.0 } else { 0.0 };
         let start = Mat::from_fn(d, 1, |i, _| (0..p).map(|j| self.along[(i, j)] * target[j]).sum::<f64>() + last(i));
         // l_0 = c - M (r, 0) with the sign of H z - r; l_1 = -M_u, in the units of the inputs
         let place = Mat::from_fn(p + m, 1, |i, _| if i < p { target[i] } else { 0.0 });
         let off = &self.c - &self.m * place;
-        let a = back.solve(Mat::from_fn(rows, 1, |i, _| off[(part.rows[i], 0)]));
-        let b = back.solve(Mat::from_fn(rows, m, |i, j| -self.m[(part.rows[i], p + j)] * self.unit[p + j]));
+        let mut a = Mat::from_fn(rows, 1, |i, _| off[(part.rows[i], 0)]);
+        let mut b = Mat::from_fn(rows, m, |i, j| -self.m[(part.rows[i], p + j)] * self.unit[p + j]);
+        [&mut a, &mut b].into_iter().for_each(|of| whiten(root.L(), of.as_mut()));
         let white = MatRef::from_row_major_slice(&part.white, part.rank(), cols);
         let e = white * Mat::from_fn(cols, 1, |i, _| start[(part.columns[i], 0)]);
         let f = white * Mat::from_fn(cols, m, |i, j| self.along[(part.columns[i], p + j)] * self.unit[p + j]);
@@ -624,14 +625,13 @@ impl SetPoints {
             return Ok(None); // the data do not determine what constant inputs do
         }
         let half = curve.llt(Side::Lower).map_err(lost)?;
-        let goal = listed(&half.L().partial_piv_lu().solve(&slope))?;
-        let goal = try_collect(WHAT, goal.iter().map(|v| -v))?;
+        let mut goal = -&slope;
+        whiten(half.L(), goal.as_mut());
+        let goal = listed(&goal)?;
         let half = listed(&half.L().transpose().to_owned())?;
-        let sides = [low, high].map(|side| try_collect(WHAT, (0..m).map(|j| side[j] / self.unit[p + j])));
-        let [low, high] = sides;
-        let (low, high) = (low?, high?);
-        let none = try_zeros(WHAT, m)?;
-        let bounds = Bounds::new(&low, &high, m)?;
+        let within = |side: &[f64]| try_collect(WHAT, (0..m).map(|j| side[j] / self.unit[p + j]));
+        let (low, high) = (within(low)?, within(high)?);
+        let (none, bounds) = (try_zeros(WHAT, m)?, Bounds::new(&low, &high, m)?);
         let u = box_control(&half, &goal, Penalty::Diagonal(&none), bounds, None, Until::new(stop, None))?.control;
         let u = Mat::from_fn(m, 1, |j, _| u[j]);
         let scalar = |x: Matrix| x[(0, 0)];

@@ -4,11 +4,10 @@
 use std::sync::Arc;
 
 use faer::linalg::matmul::matmul;
-use faer::linalg::solvers::DenseSolveCore;
 use faer::{Accum, Mat, MatRef, Par, Side};
 
 use crate::error::{Error, Result, require_finite, sized};
-use crate::identify::chi2_upper;
+use crate::identify::{chi2_upper, whiten};
 use crate::memory::{
     covered, room_for_products, try_collect, try_collect_all, try_copy, try_filled, try_room, try_zeros,
 };
@@ -89,17 +88,14 @@ impl White {
         if !small.factored(root.as_mut()) {
             return false;
         }
-        for j in 0..p {
-            for i in 0..p {
-                let done = (j..i).map(|q| root[(i, q)] * back[(q, j)]).sum::<f64>();
-                back[(i, j)] = if i < j { 0.0 } else { (f64::from(u8::from(i == j)) - done) / root[(i, i)] };
-            }
-        }
-        let back = back.submatrix(0, 0, p, p);
+        let mut back = back.submatrix_mut(0, 0, p, p);
+        back.fill(0.0);
+        back.as_mut().diagonal_mut().fill(1.0);
+        whiten(root.as_ref(), back.as_mut());
         for (size, shape) in sizes.iter_mut().zip(shapes) {
             all().for_each(|(i, j)| root[(i, j)] = shape[(seen[i], seen[j])]);
-            matmul(half.as_mut(), Accum::Replace, back, root.as_ref(), 1.0, Par::Seq);
-            matmul(root.as_mut(), Accum::Replace, half.as_ref(), back.transpose(), 1.0, Par::Seq);
+            matmul(half.as_mut(), Accum::Replace, back.as_ref(), root.as_ref(), 1.0, Par::Seq);
+            matmul(root.as_mut(), Accum::Replace, half.as_ref(), back.as_ref().transpose(), 1.0, Par::Seq);
             let Some(largest) = small.largest(root.as_ref()) else { return false };
             *size = largest.max(0.0).sqrt();
         }
@@ -218,7 +214,8 @@ impl Bias {
                 |_| Error::Numerical("the covariance of the noise of the readings is not positive definite".into());
             let sigma = MatRef::from_row_major_slice(noise, p, p);
             let root = sigma.llt(Side::Lower).map_err(lost)?.L().to_owned();
-            let back = root.as_ref().partial_piv_lu().inverse();
+            let mut back = Mat::identity(p, p);
+            whiten(root.as_ref(), back.as_mut());
             let walk = &back * Mat::from_fn(p, m, |i, j| of_inputs[i * m + j] * drift[j]);
             let walk = &walk * walk.transpose() + Mat::from_fn(p, p, |i, j| if i == j { EVERY * EVERY } else { 0.0 });
             let eigen = walk.self_adjoint_eigen(Side::Lower);

@@ -1,7 +1,9 @@
 //! Whether two logs in open loop are of one plant.
 
+use faer::{MatMut, MatRef};
+
 use crate::error::{Error, Result};
-use crate::identify::{Fitted, cholesky, roy_quantile, spectral_norm};
+use crate::identify::{Fitted, cholesky, roy_quantile, spectral_norm, whiten};
 use crate::memory::try_zeros;
 use crate::parallel::Stop;
 use crate::vector::dot;
@@ -53,17 +55,13 @@ pub fn open_loop(one: &Fitted, other: &Fitted, level: f64, threads: usize, stop:
     let mut off = try_zeros::<f64>(WHAT, n * r)?;
     for (i, row) in off.chunks_exact_mut(r).enumerate() {
         let (a, b) = (&other.model[i * d..(i + 1) * d], &one.model[i * d..(i + 1) * d]);
-        for (q, root) in other.root.chunks_exact(d).enumerate() {
-            let own: f64 = a.iter().zip(b).zip(root).map(|((a, b), z)| (a - b) * z).sum();
-            row[q] = (own - dot(&of_k[q * r..q * r + q], &row[..q])) / of_k[q * (r + 1)];
+        for (to, root) in row.iter_mut().zip(other.root.chunks_exact(d)) {
+            *to = a.iter().zip(b).zip(root).map(|((a, b), z)| (a - b) * z).sum();
         }
     }
-    for q in 0..r {
-        for i in 0..n {
-            let done: f64 = (0..i).map(|k| of_s[i * n + k] * off[k * r + q]).sum();
-            off[i * r + q] = (off[i * r + q] - done) / of_s[i * (n + 1)];
-        }
-    }
+    let mut both = MatMut::from_row_major_slice_mut(&mut off, n, r);
+    whiten(MatRef::from_row_major_slice(&of_k, r, r), both.as_mut().transpose_mut());
+    whiten(MatRef::from_row_major_slice(&of_s, n, n), both);
     let statistic = spectral_norm(&off, n, r)?.powi(2);
     Ok(OpenLoop { statistic, limit: roy_quantile(n, r, degrees, level, threads, stop)?, sizes: (r, degrees) })
 }

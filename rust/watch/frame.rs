@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use faer::{MatMut, MatRef};
+
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::identify::{cholesky, covariance_root, spectral_norm};
+use crate::identify::{cholesky, covariance_root, spectral_norm, whiten};
 use crate::memory::{checked_len, try_collect, try_extend, try_push, try_zeros};
 use crate::region::{Part, Region};
 use crate::vector::{dot, norm as size};
@@ -82,12 +84,8 @@ impl Frame {
         let root = if n > 0 { cholesky(&noise, n)? } else { None };
         let root = root.ok_or_else(|| wrong("noise", "a bound above rounding for a reading", "none"))?;
         let mut back = try_zeros::<f64>(WHAT, own)?;
-        for j in 0..n {
-            for i in j..n {
-                let done: f64 = (j..i).map(|k| root[i * n + k] * back[k * n + j]).sum();
-                back[i * n + j] = (f64::from(u8::from(i == j)) - done) / root[i * (n + 1)];
-            }
-        }
+        back.iter_mut().step_by(n + 1).for_each(|v| *v = 1.0);
+        whiten(MatRef::from_row_major_slice(&root, n, n), MatMut::from_row_major_slice_mut(&mut back, n, n));
         let (mut begins, mut white) = (try_zeros(WHAT, 1)?, Vec::new());
         let (mut reach, mut norms) = (Vec::new(), Vec::new());
         for part in region.parts() {

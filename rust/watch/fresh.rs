@@ -10,10 +10,12 @@
 //! by the mixture over the sphere. What is further off than this and the region proves the change, however it was
 //! found.
 
+use faer::{ColMut, MatMut, MatRef};
+
 use crate::control::singular;
 use crate::error::Result;
 use crate::fuse::norm;
-use crate::identify::{cholesky, null_space, sphere_level};
+use crate::identify::{cholesky, null_space, sphere_level, whiten};
 use crate::memory::{checked_len, try_collect, try_copy, try_extend, try_filled, try_push, try_zeros};
 use crate::vector::{axpy, dot};
 
@@ -263,16 +265,16 @@ impl<'a> Search<'a> {
                     let entry = |i: usize| {
                         (0..d).map(|j| self.off[i * d + j] * frame.scale[j] * of_q[j * free + k]).sum::<f64>()
                     };
-                    let own: f64 = (0..n).map(|i| of_l[i * rows + a] * entry(i)).sum();
-                    to[k] = (own - dot(&root[k * free..k * free + k], &to[..k])) / root[k * (free + 1)];
+                    to[k] = (0..n).map(|i| of_l[i * rows + a] * entry(i)).sum();
                 }
             }
+            let root = MatRef::from_row_major_slice(&root, free, free);
+            whiten(root, MatMut::from_row_major_slice_mut(&mut g, rows, free).transpose_mut());
             let svd = singular(&g, rows, free)?;
             let mut t = try_copy(WHAT, &svd.v[..free])?;
-            for k in (0..free).rev() {
-                let done: f64 = (k + 1..free).map(|i| root[i * free + k] * t[i]).sum();
-                t[k] = (t[k] - done) / root[k * (free + 1)];
-            }
+            // root'^-1: from the last entry to the first
+            let last = ColMut::from_slice_mut(&mut t).reverse_rows_mut();
+            whiten(root.transpose().reverse_rows_and_cols(), last.as_mat_mut());
             let q = try_collect(WHAT, (0..d).map(|j| frame.scale[j] * dot(&of_q[j * free..(j + 1) * free], &t)))?;
             let l = try_collect(WHAT, (0..n).map(|i| dot(&of_l[i * rows..(i + 1) * rows], &svd.u[..rows])))?;
             let (new, old) = self.radii(&l, &q);

@@ -12,6 +12,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 
 use crate::error::{Error, Result, require_finite, sized};
+use crate::identify::whiten;
 use crate::memory::{checked_len, covered, room_for_products, try_collect, try_copy, try_room, try_zeros};
 
 use super::shape::{WHAT, Window};
@@ -162,14 +163,8 @@ impl Filter {
             let root = noise.llt(Side::Lower).map_err(|_| {
                 Error::Numerical("the covariance of the noise of the readings is not positive definite".into())
             })?;
-            // L^-1 C
             let mut seen_by = c.clone();
-            for j in 0..n {
-                for i in 0..p {
-                    let done = (0..i).map(|q| root.L()[(i, q)] * seen_by[(q, j)]).sum::<f64>();
-                    seen_by[(i, j)] = (seen_by[(i, j)] - done) / root.L()[(i, i)];
-                }
-            }
+            whiten(root.L(), seen_by.as_mut());
             let error = |i: usize| if i < past { wide[i % p] } else { wide[p + (i - past) % m] };
             let (mean, apart) = (try_copy(WHAT, mean)?, try_collect(WHAT, (0..n).map(error))?);
             let step = Mat::from_fn(n, n + p, entry);

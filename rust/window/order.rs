@@ -1,7 +1,7 @@
 //! Which window: by Akaike's criterion on the first part of the data, then made longer.
 
 use crate::error::{Error, Result};
-use crate::identify::{cholesky, fit, triangle};
+use crate::identify::{fit, log_determinant, triangle};
 use crate::memory::{try_collect, try_extend, try_room};
 use crate::parallel::Stop;
 
@@ -144,8 +144,7 @@ fn least(
                 }
                 let f = fit(&some, d + n, d, compared, 1, stop)?;
                 let scaled = try_collect(WHAT, f.residual.iter().map(|v| v / compared as f64))?;
-                let Some(root) = cholesky(&scaled, n)? else { continue };
-                let log_det = 2.0 * root.iter().step_by(n + 1).map(|v| v.ln()).sum::<f64>();
+                let Some(log_det) = log_determinant(&scaled, n)? else { continue };
                 let criterion = compared as f64 * log_det + 2.0 * (n * d) as f64;
                 if best.is_none_or(|(lowest, ..)| criterion < lowest) {
                     best = Some((criterion, family.pole, count, delay));

@@ -1,7 +1,7 @@
 //! Other windows of the same log that predict better than that of a model.
 
 use crate::error::Result;
-use crate::identify::{Fitted, cholesky, fit};
+use crate::identify::{Fitted, fit, log_determinant};
 use crate::memory::{try_collect, try_extend};
 use crate::parallel::Stop;
 
@@ -15,12 +15,6 @@ const SHORT: [usize; 3] = [2, 4, 8];
 const WORSE: f64 = 2.0;
 /// The share of the rows whose errors are compared.
 const LAST: usize = 4;
-
-/// The logarithm of the determinant of a covariance (n, n).
-fn log_det(covariance: &[f64], n: usize) -> Result<f64> {
-    let root = cholesky(covariance, n)?;
-    Ok(root.map_or(f64::NEG_INFINITY, |root| 2.0 * root.iter().step_by(n + 1).map(|v| v.ln()).sum::<f64>()))
-}
 
 /// A window of another kind or delay that is filled after as many pairs and its delay.
 fn beside(of: &Window, kind: Kind, delay: usize) -> Result<Window> {
@@ -51,7 +45,7 @@ fn size(log: &Log<'_>, window: &Window, first: usize, count: usize, stop: &Stop)
     }
     let product = |at: usize| errors.chunks_exact(n).map(|row| row[at / n] * row[at % n]).sum::<f64>();
     let square = try_collect(WHAT, (0..n * n).map(|at| product(at) / count as f64))?;
-    Ok((log_det(&square, n)? / (2 * n) as f64).exp())
+    Ok(log_determinant(&square, n)?.map_or(0.0, |log| (log / (2 * n) as f64).exp()))
 }
 
 /// Whether filters, of which the first pairs chose so many, predict the last quarter of these much worse than a few
@@ -88,7 +82,7 @@ pub(super) fn later(
         return Ok(false);
     }
     let fitted = fit(rows, d + n, d, count, 1, stop)?;
-    let of = |f: &Fitted| log_det(&try_collect(WHAT, f.residual.iter().map(|v| v / f.size as f64))?, n);
+    let of = |f: &Fitted| log_determinant(&try_collect(WHAT, f.residual.iter().map(|v| v / f.size as f64))?, n);
     Ok(of(&fitted)? < of(plain)?)
 }
 

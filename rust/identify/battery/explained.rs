@@ -1,9 +1,11 @@
 //! What more columns explain of residuals: Wilks' Lambda by Rao's F.
 
+use faer::{ColMut, MatRef};
+
 use super::given::{WHAT, zeros};
 use crate::error::Result;
 use crate::identify::distributions::f_above;
-use crate::identify::least_squares::cholesky;
+use crate::identify::symmetric::{cholesky, log_determinant, whiten};
 use crate::memory::{try_copy, try_push, try_zeros};
 
 /// Share of the squares of a column below which what is left of it is rounding.
@@ -42,11 +44,9 @@ impl<'a> Outcomes<'a> {
 
     /// `L^-1 basis' e`: its square is the part of this row in the sum of squares.
     pub(super) fn whiten(&self, e: &[f64], to: &mut [f64]) {
-        for a in 0..self.p {
-            let own: f64 = (0..self.n).map(|i| self.basis[i * self.p + a] * e[i]).sum();
-            let done: f64 = (0..a).map(|b| self.root[a * self.p + b] * to[b]).sum();
-            to[a] = (own - done) / self.root[a * (self.p + 1)];
-        }
+        let own = |a: usize| (0..self.n).map(|i| self.basis[i * self.p + a] * e[i]).sum();
+        to.iter_mut().enumerate().for_each(|(a, to)| *to = own(a));
+        whiten(MatRef::from_row_major_slice(&self.root, self.p, self.p), ColMut::from_slice_mut(to).as_mat_mut());
     }
 }
 
@@ -92,10 +92,7 @@ pub(super) fn explained(left: &[f64], own: &[f64], along: &[f64], of: &Outcomes<
     }
     // what is explained but for rounding counts as EPS
     let least = p as f64 * f64::EPSILON.ln();
-    let log_lambda = match cholesky(&rest, p)? {
-        Some(l) => l.iter().step_by(p + 1).map(|v| 2.0 * v.ln()).sum::<f64>().max(least),
-        None => least,
-    };
+    let log_lambda = log_determinant(&rest, p)?.map_or(least, |log| log.max(least));
     let (pf, qf, nu) = (p as f64, rank as f64, nu as f64);
     let squares = pf * pf + qf * qf - 5.0;
     let t = if squares > 0.0 { ((pf * pf * qf * qf - 4.0) / squares).sqrt() } else { 1.0 };

@@ -5,7 +5,7 @@ use super::given::{Given, Test, WHAT, dot, zeros};
 use super::sums::{Pieces, Sums};
 use crate::error::{Error, Result};
 use crate::identify::distributions::{chi2_above, chi2_below, f_above};
-use crate::identify::least_squares::cholesky;
+use crate::identify::symmetric::log_determinant;
 use crate::memory::{checked_len, try_copy, try_filled, try_push};
 
 /// What was declared of the noise, beside its mean of 0.
@@ -70,8 +70,8 @@ pub fn noise_tests(squares: &[f64], n: usize, (size, nu): (usize, usize), declar
             push("noise size", if ratio > 1.0 { 0.0 } else { 1.0 }, ratio, Vec::new())?;
         }
         Declared::Scalar | Declared::Diagonal => {
-            let Some(l) = cholesky(squares, n)?.filter(|_| n > 1 && nu > n + 1) else { return Ok(tests) };
-            let log_det: f64 = l.iter().step_by(n + 1).map(|v| 2.0 * v.ln()).sum();
+            let log_det = log_determinant(squares, n)?.filter(|_| n > 1 && nu > n + 1);
+            let Some(log_det) = log_det else { return Ok(tests) };
             let (p, nu) = (n as f64, nu as f64);
             let (log, factor, degrees) = if declared == Declared::Scalar {
                 (p * (trace / p).ln(), (2.0 * p * p + p + 2.0) / (6.0 * p), p * (p + 1.0) / 2.0 - 1.0)

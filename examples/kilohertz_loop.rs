@@ -19,12 +19,12 @@ pub fn main() -> Result<()> {
     let stop = Stop::new();
     // |u| <= 10 N over the next 20 steps, to rest at 0
     let task = Task {
-        low: vec![-10.0; STEPS],
-        high: vec![10.0; STEPS],
-        stage: vec![100.0, 0.0, 0.0, 1.0],
-        terminal: vec![5000.0, 500.0, 500.0, 100.0],
-        reference: vec![0.0; 2 * STEPS],
-        r: Some(vec![1e-4]),
+        low: (&[[-10.0]; STEPS]).into(),
+        high: (&[[10.0]; STEPS]).into(),
+        stage: (&[[100.0, 0.0], [0.0, 1.0]]).into(),
+        terminal: (&[[5000.0, 500.0], [500.0, 100.0]]).into(),
+        reference: (&[[0.0; 2]; STEPS]).into(),
+        r: Some((&[[1e-4]]).into()),
         ..Task::default()
     };
     let mut plans = RecedingHorizon::new(Horizon::new(&A, &B, None, task)?, &stop)?;

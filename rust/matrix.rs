@@ -17,7 +17,7 @@ use crate::memory::{checked_len, try_extend, try_room};
 /// assert!(MatrixView::new(&[0.0; 5], 2, 3).is_err());
 /// # Ok::<(), stochens::Error>(())
 /// ```
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct MatrixView<'a> {
     values: &'a [f64],
     rows: usize,

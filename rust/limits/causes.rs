@@ -8,6 +8,7 @@ use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
 use crate::identify::{chi2_upper, whiten};
+use crate::matrix::MatrixView;
 use crate::memory::{covered, room_for_products, try_collect, try_collect_all, try_extend};
 use crate::region::Region;
 
@@ -28,9 +29,9 @@ pub struct Learned<'a> {
     /// See `bias`.
     pub calls: usize,
     /// L of `e+ = e + L (w - e)` (p, p).
-    pub gain: &'a [f64],
+    pub gain: MatrixView<'a>,
     /// A bound of the covariance of the noise (p, p).
-    pub noise: &'a [f64],
+    pub noise: MatrixView<'a>,
     /// Outputs and inputs at rest (p + m).
     pub rest: &'a [f64],
 }
@@ -146,7 +147,8 @@ impl SetPoints {
     /// [`Error::Shape`], [`Error::Value`], [`Error::Numerical`], [`Error::Memory`].
     pub fn causes(&self, region: &Region, learned: &Learned<'_>, level: f64) -> Result<Option<Causes>> {
         let ((p, m), d, own) = (self.sizes(), self.along.nrows(), *learned);
-        let sizes = [own.bias.len() == p, own.gain.len() == p * p, own.noise.len() == p * p, own.rest.len() == p + m];
+        let (gain, noise) = (own.gain.sized("gain", p, p)?, own.noise.sized("noise", p, p)?);
+        let sizes = [own.bias.len() == p, own.rest.len() == p + m];
         if sizes.contains(&false) || own.calls == 0 || (region.n, region.width()) != (p, d) {
             let (expected, found) = (format!("{p} outputs and {m} inputs"), own.bias.len().to_string());
             return Err(Error::Shape { name: "bias", expected, found });
@@ -157,7 +159,7 @@ impl SetPoints {
         let square = chi2_upper(level, p as f64)?;
         room_for_products()?;
         covered(WHAT, 4 * self.bytes(), || {
-            let [gain, noise] = [own.gain, own.noise].map(|of| MatRef::from_row_major_slice(of, p, p).to_owned());
+            let [gain, noise] = [&gain, &noise].map(|of| MatRef::from_row_major_slice(of, p, p).to_owned());
             let settled = settled(&gain, &noise, own.calls);
             let Some(white) = whitening(&settled) else { return Ok(None) };
             let mut z = &self.along * MatRef::from_row_major_slice(own.rest, p + m, 1);
@@ -217,11 +219,8 @@ impl SetPoints {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
-    use crate::matrix::MatrixView;
-    use crate::region::{Part, PartOf};
+    use crate::region::tests::round;
     use crate::window::{Kind, Window};
 
     const NOISE: [f64; 9] = [0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01];
@@ -231,25 +230,15 @@ mod tests {
     fn made(factor: f64) -> (SetPoints, Region) {
         let theta = [0.9, 0.2, 0.0, 0.5, 0.0, 0.7, 0.1, 0.2, 0.1, 0.0, 0.5, -0.3];
         let window = Window::new(3, 1, Kind::Lags(1), 0, false, 0).unwrap();
-        let eye = |n: usize| (0..n * n).map(|at| f64::from(u8::from(at % (n + 1) == 0))).collect::<Vec<_>>();
-        let (rows, columns, three, four) = ([0, 1, 2], [0, 1, 2, 3], eye(3), eye(4));
-        let of = PartOf {
-            rows: &rows,
-            columns: &columns,
-            white: MatrixView::of(&four, 4),
-            root: MatrixView::of(&four, 4),
-            missing: None,
-            ratio: 1.0,
-            shape: MatrixView::of(&three, 3),
-            factor,
-        };
-        let region = Region::new(MatrixView::of(&theta, 4), 1, vec![Arc::new(Part::new(of).unwrap())], None, false);
+        let region =
+            Region::new(MatrixView::of(&theta, 4), 1, vec![round(&[0, 1, 2], &[0, 1, 2, 3], factor)], None, false);
         (SetPoints::new(window, MatrixView::of(&theta, 4), &[1.0; 4]).unwrap(), region.unwrap())
     }
 
     fn causes(factor: f64, bias: &[f64], rest: &[f64]) -> Option<Causes> {
         let (points, region) = made(factor);
-        let learned = Learned { bias, calls: 1, gain: &GAIN, noise: &NOISE, rest };
+        let [gain, noise] = [&GAIN, &NOISE].map(|of| MatrixView::of(of, 3));
+        let learned = Learned { bias, calls: 1, gain, noise, rest };
         points.causes(&region, &learned, 1e-4).unwrap()
     }
 

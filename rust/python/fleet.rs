@@ -8,9 +8,8 @@ use super::error::ShapeError;
 use super::horizon_arguments::TaskArgument;
 use super::limits::{seconds, to_best};
 use super::run::run;
-use crate::fleet::{self, Limits, Units};
+use crate::fleet::{self, Units};
 use crate::limits;
-use crate::limits::horizon::Task;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Cube<'py> = PyReadonlyArray3<'py, f64>;
@@ -20,44 +19,33 @@ type Cube<'py> = PyReadonlyArray3<'py, f64>;
 pub(super) struct UnitsArgument<'py>(Cube<'py>, Cube<'py>, Option<Matrix<'py>>, Matrix<'py>);
 
 /// What is asked of them.
-struct Asked {
-    task: Task,
+struct Asked<'a> {
+    task: &'a TaskArgument,
     stage: Vec<f64>,
     terminal: Vec<f64>,
 }
 
-fn pair(given: &Option<(Vec<f64>, Vec<f64>)>) -> Option<(&[f64], &[f64])> {
-    given.as_ref().map(|(first, second)| (&first[..], &second[..]))
-}
-
-impl Asked {
-    fn new(task: &TaskArgument<'_>, n: usize) -> PyResult<Self> {
-        let task = task.task(None, None)?;
-        let (stage, terminal) = (limits::root(&task.stage, n)?, limits::root(&task.terminal, n)?);
-        Ok(Self { task, stage, terminal })
+impl<'a> Asked<'a> {
+    fn new(task: &'a TaskArgument, n: usize) -> PyResult<Self> {
+        Ok(Self { task, stage: limits::root(&task.stage.0, n)?, terminal: limits::root(&task.terminal.0, n)? })
     }
 
-    fn units<'a>(&'a self, given: &'a UnitsArgument<'_>) -> PyResult<Units<'a>> {
+    fn units(&'a self, given: &'a UnitsArgument<'_>) -> PyResult<Units<'a>> {
         let (size, n, m) = given.1.as_array().dim();
         let units = Units {
             a: slice("A", &given.0)?,
             b: slice("B", &given.1)?,
             c: given.2.as_ref().map_or(Ok(&[][..]), |c| slice("c", c))?,
             x0: slice("x0", &given.3)?,
-            reference: &self.task.reference,
+            reference: &self.task.reference.0,
             stage: &self.stage,
             terminal: &self.terminal,
             n,
             m,
-            steps: self.task.reference.len() / n.max(1),
+            steps: self.task.reference.0.len() / n.max(1),
             size,
         };
         Ok(units.checked()?)
-    }
-
-    fn limits(&self) -> Limits<'_> {
-        let Task { low, high, rate, states, r, stage: _, terminal: _, reference: _, soft: _ } = &self.task;
-        Limits { low, high, rate: pair(rate), states: pair(states), r: r.as_deref().unwrap_or(&[]) }
     }
 }
 
@@ -72,14 +60,14 @@ type Found<'py> = (Bound<'py, PyArray2<f64>>, f64, f64, f64, &'static str);
 pub(super) fn fleet_mean<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,
-    task: TaskArgument<'py>,
+    task: TaskArgument,
     time_limit: Option<f64>,
     threads: usize,
 ) -> PyResult<Found<'py>> {
     let asked = Asked::new(&task, units.1.as_array().dim().1)?;
     let given = asked.units(&units)?;
     let time = seconds(time_limit);
-    let work = |stop: &crate::Stop| fleet::least_mean(&given, asked.limits(), time, threads, stop);
+    let work = |stop: &crate::Stop| fleet::least_mean(&given, task.limits(), time, threads, stop);
     let found = to_best(py, f64::INFINITY, |found: &fleet::LeastMean| found.status, work)?;
     let u = array2(py, found.control, given.steps, given.m)?;
     Ok((u, found.value, found.lower_bound, found.missing, found.status.as_str()))
@@ -92,7 +80,7 @@ type Looked<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 pub(super) fn fleet_misses<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,
-    task: TaskArgument<'py>,
+    task: TaskArgument,
     u: Matrix<'py>,
     threads: usize,
 ) -> PyResult<Looked<'py>> {
@@ -101,7 +89,7 @@ pub(super) fn fleet_misses<'py>(
     if u.len() != given.steps * given.m {
         return Err(ShapeError::new_err(format!("`u` must have {} entries, got {}", given.steps * given.m, u.len())));
     }
-    let (misses, excess) = run(py, work(&given), |stop| fleet::misses(&given, asked.limits(), u, threads, stop))?;
+    let (misses, excess) = run(py, work(&given), |stop| fleet::misses(&given, task.limits(), u, threads, stop))?;
     Ok((array1(py, misses)?, array1(py, excess)?))
 }
 
@@ -112,7 +100,7 @@ type Few<'py> = (Found<'py>, Vec<usize>, Vec<usize>, Option<Bound<'py, PyArray2<
 pub(super) fn fleet_worst<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,
-    task: TaskArgument<'py>,
+    task: TaskArgument,
     tiny: bool,
     discard: usize,
     time_limit: Option<f64>,
@@ -121,7 +109,7 @@ pub(super) fn fleet_worst<'py>(
     let asked = Asked::new(&task, units.1.as_array().dim().1)?;
     let given = asked.units(&units)?;
     let time = seconds(time_limit);
-    let work = |stop: &crate::Stop| fleet::of_few(&given, asked.limits(), (tiny, discard), time, threads, stop);
+    let work = |stop: &crate::Stop| fleet::of_few(&given, task.limits(), (tiny, discard), time, threads, stop);
     let found = to_best(py, f64::INFINITY, |found: &fleet::Few| found.status, work)?;
     let u = array2(py, found.control, given.steps, given.m)?;
     let r = if found.r.is_empty() { None } else { Some(array2(py, found.r, given.m, given.m)?) };
@@ -134,14 +122,14 @@ pub(super) fn fleet_worst<'py>(
 pub(super) fn fleet_alone<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,
-    task: TaskArgument<'py>,
+    task: TaskArgument,
     tiny: bool,
     few: Vec<usize>,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let asked = Asked::new(&task, units.1.as_array().dim().1)?;
     let given = asked.units(&units)?;
-    let u = run(py, f64::INFINITY, |stop| fleet::alone(&given, asked.limits(), tiny, &few, threads, stop))?;
+    let u = run(py, f64::INFINITY, |stop| fleet::alone(&given, task.limits(), tiny, &few, threads, stop))?;
     array2(py, u, given.steps, given.m)
 }
 

@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, getters, key, slice};
-use super::horizon_arguments::{CauseArgument, GivenControl, TaskArgument, cost, given, made};
+use super::horizon_arguments::{CauseArgument, Entries, GivenControl, TaskArgument, cost, given, made};
 use super::horizon_results::{Apart, HorizonControl};
 use super::limits::{seconds, to_best};
 use super::region::PyRegion;
@@ -41,14 +41,14 @@ getters! {
     #[pyo3(signature = (a, b, c, task, reference=None, r=None))]
     fn new(
         py: Python<'_>,
-        a: Matrix<'_>,
-        b: Matrix<'_>,
-        c: Option<Vector<'_>>,
-        task: TaskArgument<'_>,
-        reference: Option<Matrix<'_>>,
-        r: Option<Matrix<'_>>,
+        a: Entries,
+        b: Entries,
+        c: Option<Entries>,
+        task: TaskArgument,
+        reference: Option<Entries>,
+        r: Option<Entries>,
     ) -> PyResult<Self> {
-        let inner = made(py, &a, &b, c.as_ref(), task.task(reference.as_ref(), r.as_ref())?)?;
+        let inner = made(py, &a, &b, c.as_ref(), task.task(reference.as_ref(), r.as_ref()))?;
         let cost = cost(&inner);
         Ok(Self { inner, cost })
     }

@@ -1,6 +1,6 @@
 //! The arguments of the calls of a horizon.
 
-use numpy::{PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods, ndarray};
+use numpy::{PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::convert::slice;
@@ -8,7 +8,7 @@ use super::draws::scheme;
 use super::horizon_results::Apart;
 use super::run::run;
 use super::simulate::EstimateArgument;
-use crate::Result;
+use crate::fleet::Limits;
 use crate::limits::Solution;
 use crate::limits::horizon::{DrawnEntity, Horizon, Task};
 use crate::matrix::MatrixView;
@@ -17,55 +17,72 @@ use crate::memory::{try_collect, try_copy};
 const WHAT: &str = "the control within limits";
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
-type Vector<'py> = PyReadonlyArray1<'py, f64>;
 
-/// Entries row by row, whatever their order in memory.
-fn values<D: ndarray::Dimension>(array: &PyReadonlyArray<'_, f64, D>) -> Result<Vec<f64>> {
-    match array.as_slice() {
-        Ok(values) if array.is_c_contiguous() => try_copy(WHAT, values),
-        _ => try_collect(WHAT, array.as_array().iter().copied()),
+/// A copy row by row, whatever the order in memory, and how wide its rows are: A and B are columns of one array.
+pub(super) struct Entries(pub(super) Vec<f64>, usize);
+
+impl<'py> FromPyObject<'_, 'py> for Entries {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let array = given.extract::<PyReadonlyArrayDyn<'py, f64>>()?;
+        let columns = array.shape().last().copied().unwrap_or(0);
+        Ok(Self(try_collect(WHAT, array.as_array().iter().copied())?, columns))
     }
+}
+
+impl Entries {
+    fn view(&self) -> MatrixView<'_> {
+        MatrixView::of(&self.0, self.1)
+    }
+}
+
+fn pair<'a>(first: &'a Option<Entries>, second: &'a Option<Entries>) -> Option<(&'a [f64], &'a [f64])> {
+    Some((&first.as_ref()?.0, &second.as_ref()?.0))
 }
 
 /// The fields of the package's `Task` that the core needs.
 #[derive(FromPyObject)]
-pub(super) struct TaskArgument<'py> {
-    pub(super) low: Matrix<'py>,
-    high: Matrix<'py>,
-    stage: Matrix<'py>,
-    terminal: Matrix<'py>,
-    reference: Matrix<'py>,
+pub(super) struct TaskArgument {
+    pub(super) low: Entries,
+    high: Entries,
+    pub(super) stage: Entries,
+    pub(super) terminal: Entries,
+    pub(super) reference: Entries,
     #[pyo3(attribute("R"))]
-    r: Option<Matrix<'py>>,
-    rate: Option<Vector<'py>>,
-    previous: Option<Vector<'py>>,
-    state_low: Option<Matrix<'py>>,
-    state_high: Option<Matrix<'py>>,
+    r: Option<Entries>,
+    rate: Option<Entries>,
+    previous: Option<Entries>,
+    state_low: Option<Entries>,
+    state_high: Option<Entries>,
     soft: Option<f64>,
 }
 
-impl TaskArgument<'_> {
+impl TaskArgument {
     /// With another reference and R where they are given.
-    pub(super) fn task(&self, reference: Option<&Matrix<'_>>, r: Option<&Matrix<'_>>) -> Result<Task> {
-        let rate = match (&self.rate, &self.previous) {
-            (Some(rate), Some(previous)) => Some((values(rate)?, values(previous)?)),
-            _ => None,
-        };
-        let states = match (&self.state_low, &self.state_high) {
-            (Some(low), Some(high)) => Some((values(low)?, values(high)?)),
-            _ => None,
-        };
-        Ok(Task {
-            low: values(&self.low)?,
-            high: values(&self.high)?,
-            stage: values(&self.stage)?,
-            terminal: values(&self.terminal)?,
-            reference: values(reference.unwrap_or(&self.reference))?,
-            r: r.or(self.r.as_ref()).map(values).transpose()?,
-            rate,
-            states,
+    pub(super) fn task<'a>(&'a self, reference: Option<&'a Entries>, r: Option<&'a Entries>) -> Task<'a> {
+        Task {
+            low: self.low.view(),
+            high: self.high.view(),
+            stage: self.stage.view(),
+            terminal: self.terminal.view(),
+            reference: reference.unwrap_or(&self.reference).view(),
+            r: r.or(self.r.as_ref()).map(Entries::view),
+            rate: pair(&self.rate, &self.previous),
+            states: self.state_low.as_ref().zip(self.state_high.as_ref()).map(|(low, high)| (low.view(), high.view())),
             soft: self.soft,
-        })
+        }
+    }
+
+    /// The limits of a fleet.
+    pub(super) fn limits(&self) -> Limits<'_> {
+        Limits {
+            low: &self.low.0,
+            high: &self.high.0,
+            rate: pair(&self.rate, &self.previous),
+            states: pair(&self.state_low, &self.state_high),
+            r: self.r.as_ref().map_or(&[], |r| &r.0),
+        }
     }
 }
 
@@ -76,19 +93,10 @@ pub(super) fn cost(h: &Horizon) -> f64 {
     condensed + 300.0 * steps as f64 * ((2 * n + m) as f64).powi(3)
 }
 
-pub(super) fn made(
-    py: Python<'_>,
-    a: &Matrix<'_>,
-    b: &Matrix<'_>,
-    c: Option<&Vector<'_>>,
-    task: Task,
-) -> PyResult<Horizon> {
-    let (n, m) = b.as_array().dim();
-    let steps = task.reference.len() / n.max(1);
-    let (a, b) = (values(a)?, values(b)?);
-    let c = c.map(values).transpose()?;
-    let work = 4.0 * (steps * n * n * (n + m)) as f64;
-    run(py, work, |_| Horizon::new(MatrixView::of(&a, n), MatrixView::of(&b, m), c.as_deref(), task))
+pub(super) fn made(py: Python<'_>, a: &Entries, b: &Entries, c: Option<&Entries>, task: Task<'_>) -> PyResult<Horizon> {
+    let (n, m) = b.view().shape();
+    let work = 4.0 * (task.reference.shape().0 * n * n * (n + m)) as f64;
+    run(py, work, |_| Horizon::new(a.view(), b.view(), c.map(|c| &c.0[..]), task))
 }
 
 pub(super) fn given<'a>(name: &str, (lines, drawn): &'a EstimateArgument<'_>) -> PyResult<DrawnEntity<'a>> {

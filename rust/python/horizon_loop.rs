@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, slice};
-use super::horizon_arguments::{TaskArgument, cost, made};
+use super::horizon_arguments::{Entries, TaskArgument, cost, made};
 use super::limited::BoxControl;
 use super::limits::{seconds, signs};
 use super::run::run;
@@ -26,18 +26,12 @@ pub(super) struct PyLoop {
 #[pymethods]
 impl PyLoop {
     #[new]
-    fn new(
-        py: Python<'_>,
-        a: Matrix<'_>,
-        b: Matrix<'_>,
-        c: Option<Vector<'_>>,
-        task: TaskArgument<'_>,
-    ) -> PyResult<Self> {
-        let horizon = made(py, &a, &b, c.as_ref(), task.task(None, None)?)?;
+    fn new(py: Python<'_>, a: Entries, b: Entries, c: Option<Entries>, task: TaskArgument) -> PyResult<Self> {
+        let horizon = made(py, &a, &b, c.as_ref(), task.task(None, None))?;
         let cost = cost(&horizon);
         let made = run(py, cost, |stop| RecedingHorizon::new(horizon, stop))?;
         // one map for all states leaves a factorization
-        let cost = if made.condensed() { (task.low.as_array().len() as f64).powi(3) } else { cost };
+        let cost = if made.condensed() { (task.low.0.len() as f64).powi(3) } else { cost };
         Ok(Self { inner: Shared::new("loop", made), cost })
     }
 

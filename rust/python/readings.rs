@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{Tables, array1, array2, named, slice};
+use super::convert::{Tables, array1, array2, named, slice, view};
 use super::outputs::with_noise;
 use super::region::PyRegion;
 use super::run::run;
@@ -63,7 +63,7 @@ pub(super) fn bias_gain<'py>(
     noise: Matrix<'_>,
 ) -> PyResult<(Made<'py>, Made<'py>)> {
     let drift = slice("drift", &drift)?;
-    let found = Bias::learned(slice("of_inputs", &of_inputs)?, drift, slice("noise", &noise)?)?;
+    let found = Bias::learned(view("of_inputs", &of_inputs)?, drift, view("noise", &noise)?)?;
     let p = of_inputs.as_array().nrows();
     Ok((array2(py, found.gain, p, p)?, array2(py, found.spread, p, p)?))
 }
@@ -94,9 +94,9 @@ impl PyReadings {
         aim: Aimed<'_>,
         max_missing: usize,
     ) -> PyResult<Self> {
-        let (window, theta) = (window.get().0, slice("theta", &theta)?);
+        let (window, theta) = (window.get().0, view("theta", &theta)?);
         let (mean, wide) = (slice("mean", &signals.0)?, slice("wide", &signals.1)?);
-        let filter = Filter::new(window, theta, slice("noise", &noise)?, mean, wide)?;
+        let filter = Filter::new(window, theta, view("noise", &noise)?, mean, wide)?;
         let copied = |name, values: &Matrix<'_>| PyResult::Ok(try_copy(WHAT, slice(name, values)?)?);
         let of = Bias {
             gain: copied("gain", &bias.0)?,

@@ -94,7 +94,7 @@ impl PySetPoints {
     ) -> PyResult<Option<Found>> {
         let ((bias, calls, gain, noise, rest), region) = (learned, &region.get().0);
         let (bias, rest) = (slice("bias", &bias)?, slice("rest", &rest)?);
-        let learned = Learned { bias, calls, gain: slice("gain", &gain)?, noise: slice("noise", &noise)?, rest };
+        let learned = Learned { bias, calls, gain: view("gain", &gain)?, noise: view("noise", &noise)?, rest };
         let found = run(py, 1e6, |_| self.0.causes(region, &learned, level))?;
         Ok(found.map(|found| (found.constants, found.sensors, found.two)))
     }

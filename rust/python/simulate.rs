@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::control::PyBest;
-use super::convert::{array1, array2, key, law, method, slice};
+use super::convert::{array1, array2, key, law, method, slice, view};
 use super::draws::scheme;
 use super::error::InputError;
 use super::run::run;
@@ -51,9 +51,9 @@ pub(super) fn zero_order_hold<'py>(
     b: PyReadonlyArray2<'py, f64>,
     dt: f64,
 ) -> PyResult<(Array2<'py>, Array2<'py>)> {
-    let ((n, m), lines) = (b.as_array().dim(), (slice("A", &a)?, slice("B", &b)?));
+    let ((n, m), lines) = (b.as_array().dim(), (view("A", &a)?, view("B", &b)?));
     let cost = 60.0 * ((n + m) as f64).powi(3);
-    let (own, inputs) = run(py, cost, |_| simulate::zero_order_hold(lines.0, lines.1, n, m, dt))?;
+    let (own, inputs) = run(py, cost, |_| simulate::zero_order_hold(lines.0, lines.1, dt))?;
     Ok((array2(py, own, n, n)?, array2(py, inputs, n, m)?))
 }
 

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, array2, slice, view};
 use super::run::run;
 use crate::simulate::{Predicted, Scores, Systems, mean_miss, order_statistic, weighted_order_statistic};
 
@@ -84,9 +84,9 @@ pub(super) fn noise_deviations<'py>(
     steps: usize,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let n = a.as_array().dim().1;
-    let (a, covariance) = (slice("A", &a)?, slice("covariance", &covariance)?);
-    let cost = 2.0 * (a.len() * n) as f64 * steps as f64;
-    array2(py, run(py, cost, |_| crate::simulate::noise_deviations(a, covariance, n, steps))?, steps, n)
+    let (a, covariance) = (view("A", &a)?, view("covariance", &covariance)?);
+    let cost = 2.0 * (n * n * n) as f64 * steps as f64;
+    array2(py, run(py, cost, |_| crate::simulate::noise_deviations(a, covariance, steps))?, steps, n)
 }
 
 /// A bound of the distance of the mean of Gaussian `ends` (M, n) from the target.

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{Tables, array1, array2, named, slice};
+use super::convert::{Tables, array1, array2, named, slice, view};
 use super::fitted::PyFitted;
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
@@ -40,7 +40,7 @@ impl PyWatch {
         promise: f64,
         pairs: usize,
     ) -> PyResult<Self> {
-        let (window, frame) = (window.get().0, Frame::new(&region.get().0, slice("noise", &noise)?, pairs)?);
+        let (window, frame) = (window.get().0, Frame::new(&region.get().0, view("noise", &noise)?, pairs)?);
         let gains = window.count() * window.outputs()..window.length() - usize::from(window.intercept());
         let bank = Bank::new(&frame, gains, window.intercept())?;
         let kind = match law.0 {

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, getters, slice};
+use super::convert::{array1, array2, getters, slice, view};
 use super::error::ShapeError;
 use super::pieces::PyPieces;
 use super::run::run;
@@ -100,7 +100,7 @@ getters! {
         inputs: Vector<'py>,
     ) -> PyResult<(Row<'py>, Row<'py>, f64, f64)> {
         let (y, u) = (slice("outputs", &outputs)?, slice("inputs", &inputs)?);
-        let found = self.0.rest(slice("theta", &theta)?, y, u)?;
+        let found = self.0.rest(view("theta", &theta)?, y, u)?;
         Ok((array1(py, found.x)?, array1(py, found.z)?, found.off, found.rounding))
     }
 
@@ -108,7 +108,7 @@ getters! {
     fn linear<'py>(&self, py: Python<'py>, theta: Matrix<'py>) -> PyResult<(Made<'py>, Made<'py>, Made<'py>)> {
         let (n, d, y) = (self.0.states(), self.0.length(), self.0.outputs());
         let k = n + self.0.inputs() + usize::from(self.0.intercept());
-        let found = self.0.linear(slice("theta", &theta)?)?;
+        let found = self.0.linear(view("theta", &theta)?)?;
         Ok((array2(py, found.entering, d, k)?, array2(py, found.matrix, n, k)?, array2(py, found.noise, n, y)?))
     }
 }

@@ -25,4 +25,4 @@ pub use readings::{Aim, Bias, Gate, Readings, Step};
 pub(crate) use part::times;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -8,6 +8,7 @@ use faer::{Accum, Mat, MatRef, Par, Side};
 
 use crate::error::{Error, Result, require_finite, sized};
 use crate::identify::{chi2_upper, whiten};
+use crate::matrix::MatrixView;
 use crate::memory::{
     covered, room_for_products, try_collect, try_collect_all, try_copy, try_filled, try_room, try_zeros,
 };
@@ -202,17 +203,19 @@ impl Bias {
     ///
     /// # Errors
     /// [`Error::Numerical`] for a Sigma that is not positive definite, [`Error::Memory`].
-    pub fn learned(of_inputs: &[f64], drift: &[f64], noise: &[f64]) -> Result<Self> {
-        let (m, p) = (drift.len(), of_inputs.len().checked_div(drift.len()).unwrap_or(0));
-        if of_inputs.len() != p * m || noise.len() != p * p {
-            let (expected, found) = (format!("{p} x {p} entries"), noise.len().to_string());
-            return Err(Error::Shape { name: "noise", expected, found });
-        }
+    pub fn learned<'a>(
+        of_inputs: impl Into<MatrixView<'a>>,
+        drift: &[f64],
+        noise: impl Into<MatrixView<'a>>,
+    ) -> Result<Self> {
+        let (m, of_inputs, noise) = (drift.len(), of_inputs.into(), noise.into());
+        let p = noise.shape().0;
+        let (of_inputs, noise) = (of_inputs.sized("of_inputs", p, m)?, noise.sized("noise", p, p)?);
         room_for_products()?;
         covered(WHAT, 1024 * (p as u128 + m as u128 + 16).pow(2), || {
             let lost =
                 |_| Error::Numerical("the covariance of the noise of the readings is not positive definite".into());
-            let sigma = MatRef::from_row_major_slice(noise, p, p);
+            let sigma = MatRef::from_row_major_slice(&noise, p, p);
             let root = sigma.llt(Side::Lower).map_err(lost)?.L().to_owned();
             let mut back = Mat::identity(p, p);
             whiten(root.as_ref(), back.as_mut());
@@ -229,7 +232,7 @@ impl Bias {
             let gain = &root * along(&|p| p / (p + 1.0)) * &back;
             let spread = &root * along(&|p| p) * root.transpose();
             let listed = |a: Mat<f64>| try_collect(WHAT, (0..p * p).map(|at| a[(at / p, at % p)]));
-            Ok(Self { gain: listed(gain)?, spread: listed(spread)?, noise: try_copy(WHAT, noise)? })
+            Ok(Self { gain: listed(gain)?, spread: listed(spread)?, noise: try_copy(WHAT, &noise)? })
         })?
     }
 }
@@ -349,9 +352,9 @@ impl Readings {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn new(
+    pub fn new<'a>(
         filter: Filter,
-        theta: &[f64],
+        theta: impl Into<MatrixView<'a>>,
         gate: Option<Gate>,
         of: Bias,
         aim: Aim,
@@ -362,7 +365,7 @@ impl Readings {
             let (expected, found) = (format!("{p} x {p} entries, as the others"), of.gain.len().to_string());
             return Err(Error::Shape { name: "bias", expected, found });
         }
-        let theta = try_copy(WHAT, theta)?;
+        let theta = try_copy(WHAT, &theta.into().sized("theta", p, filter.window.length())?)?;
         let none = Aim { of_bias: Vec::new(), limits: [const { Vec::new() }; 3] };
         let windows = [filter.empty()?, filter.empty()?, filter.empty()?];
         let room = Room::new(&filter, gate.as_ref().map_or(0, |gate| gate.parts.len()))?;

@@ -5,6 +5,15 @@ use crate::Stop;
 use crate::identify::{Assumed, Covariance, Data, Design, Estimate, Magnitudes, Noise, Wish, f_upper, triangle};
 use crate::matrix::MatrixView;
 
+/// A part with V = I and S = I: `||D z|| <= sqrt(factor) ||z||`.
+pub(crate) fn round(rows: &[usize], columns: &[usize], factor: f64) -> Arc<Part> {
+    let eye = |n: usize| (0..n * n).map(|at| f64::from(u8::from(at % (n + 1) == 0))).collect::<Vec<_>>();
+    let (white, shape) = (eye(columns.len()), eye(rows.len()));
+    let (white, shape) = (MatrixView::of(&white, columns.len()), MatrixView::of(&shape, rows.len()));
+    let of = PartOf { rows, columns, white, root: white, missing: None, ratio: 1.0, shape, factor };
+    Arc::new(Part::new(of).unwrap())
+}
+
 /// V = diag(4, 16), S = diag(1, 4): everything in closed form.
 fn region(factor: f64, by_rows: bool) -> Region {
     let (white, root) = ((&[[0.5, 0.0], [0.0, 0.25]]).into(), (&[[2.0, 0.0], [0.0, 4.0]]).into());
@@ -212,10 +221,10 @@ fn no_region_is_made_up() {
 fn a_reading_that_is_no_number_is_missing() {
     use crate::window::{Filter, Kind, Window};
     let window = Window::new(1, 1, Kind::Lags(1), 0, false, 0).unwrap();
-    let theta = [0.9, 0.5];
+    let theta = [[0.9, 0.5]];
     let of = || {
-        let filter = Filter::new(window, &theta, &[0.01], &[0.0], &[1.0, 1.0]).unwrap();
-        let bias = Bias::learned(&[0.5], &[0.1], &[0.01]).unwrap();
+        let filter = Filter::new(window, &theta, &[[0.01]], &[0.0], &[1.0, 1.0]).unwrap();
+        let bias = Bias::learned(&[[0.5]], &[0.1], &[[0.01]]).unwrap();
         let aim = Aim { of_bias: vec![-2.0], limits: [vec![0.0], vec![-1.0], vec![1.0]] };
         Readings::new(filter, &theta, None, bias, aim, 3).unwrap()
     };

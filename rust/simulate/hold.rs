@@ -3,8 +3,9 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Scale};
 
-use crate::error::{Error, Result, require_finite};
-use crate::memory::{checked_len, covered, room_for_products, try_collect, try_filled};
+use crate::error::{Error, Result};
+use crate::matrix::MatrixView;
+use crate::memory::{covered, room_for_products, try_collect, try_filled};
 
 const WHAT: &str = "a system in discrete time";
 /// Numerator of the Pade approximant of degree 13, and the largest norm for which it is exact to rounding (Higham, The
@@ -116,13 +117,14 @@ fn balance(a: &[f64], n: usize) -> Result<Vec<i64>> {
 /// # Errors
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] and [`Error::Overflow`] where dt is too large,
 /// [`Error::Memory`].
-pub fn zero_order_hold(a: &[f64], b: &[f64], n: usize, m: usize, dt: f64) -> Result<(Vec<f64>, Vec<f64>)> {
-    if a.len() != checked_len(WHAT, n, n)? || b.len() != checked_len(WHAT, n, m)? {
-        let (expected, found) = (format!("{n} x {n} and {n} x {m} entries"), a.len().to_string());
-        return Err(Error::Shape { name: "A, B", expected, found });
-    }
-    require_finite("A", a)?;
-    require_finite("B", b)?;
+pub fn zero_order_hold<'a>(
+    a: impl Into<MatrixView<'a>>,
+    b: impl Into<MatrixView<'a>>,
+    dt: f64,
+) -> Result<(Vec<f64>, Vec<f64>)> {
+    let b = b.into();
+    let (n, m) = b.shape();
+    let (a, b) = (a.into().finite("A", n, n)?, b.finite("B", n, m)?);
     room_for_products()?;
     let steps = try_collect(WHAT, a.iter().map(|v| dt * v))?;
     let e = balance(&steps, n)?;

@@ -5,6 +5,7 @@ use super::systems::{Systems, WHAT};
 use crate::control::{times, transposed};
 use crate::error::{Error, Result, require_finite, sized};
 use crate::identify::{Symmetric, f_upper};
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_copy, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::scaled::distance;
@@ -176,17 +177,19 @@ impl Predicted<'_> {
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::Memory`].
-pub fn noise_deviations(a: &[f64], covariance: &[f64], n: usize, steps: usize) -> Result<Vec<f64>> {
-    let square = checked_len(WHAT, n, n)?;
-    if n == 0 || a.len() != square || covariance.len() != square {
-        let found = format!("{} and {} entries", a.len(), covariance.len());
-        return Err(Error::Shape { name: "A, covariance", expected: format!("{n} rows and columns"), found });
-    }
-    let (back, mut total) = (transposed(a, n)?, try_zeros(WHAT, square)?);
+pub fn noise_deviations<'a>(
+    a: impl Into<MatrixView<'a>>,
+    covariance: impl Into<MatrixView<'a>>,
+    steps: usize,
+) -> Result<Vec<f64>> {
+    let a = a.into();
+    let n = a.shape().0.max(1);
+    let (a, covariance) = (a.sized("A", n, n)?, covariance.into().sized("covariance", n, n)?);
+    let (back, mut total) = (transposed(&a, n)?, try_zeros(WHAT, a.len())?);
     let mut found = try_zeros(WHAT, checked_len(WHAT, steps, n)?)?;
     for row in found.chunks_exact_mut(n) {
-        total = times(&times(a, &total, n)?, &back, n)?;
-        total.iter_mut().zip(covariance).for_each(|(to, v)| *to += v);
+        total = times(&times(&a, &total, n)?, &back, n)?;
+        total.iter_mut().zip(&*covariance).for_each(|(to, v)| *to += v);
         row.iter_mut().zip(total.iter().step_by(n + 1)).for_each(|(to, v)| *to = if *v < 0.0 { 0.0 } else { v.sqrt() });
     }
     Ok(found)
@@ -311,12 +314,12 @@ mod tests {
 
     #[test]
     fn noise_grows_with_the_steps() {
-        let found = noise_deviations(&[2.0, 0.0, 1.0, 0.0], &[1.0, 0.0, 0.0, 4.0], 2, 3).unwrap();
+        let found = noise_deviations(&[[2.0, 0.0], [1.0, 0.0]], &[[1.0, 0.0], [0.0, 4.0]], 3).unwrap();
         let squares = found.iter().map(|v| v * v);
         // the second state is the first one step before
         assert!(squares.zip([1.0, 4.0, 5.0, 5.0, 21.0, 9.0]).all(|(v, expected)| (v - expected).abs() < 1e-12));
-        assert!(!noise_deviations(&[1e200], &[1.0], 1, 4).unwrap()[3].is_finite());
-        assert!(noise_deviations(&[1.0], &[1.0, 1.0], 1, 4).is_err());
+        assert!(!noise_deviations(&[[1e200]], &[[1.0]], 4).unwrap()[3].is_finite());
+        assert!(noise_deviations(&[[1.0]], &[[1.0, 1.0]], 4).is_err());
     }
 
     #[test]

@@ -7,6 +7,7 @@ use faer::{MatMut, MatRef};
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::identify::{cholesky, covariance_root, spectral_norm, whiten};
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_collect, try_extend, try_push, try_zeros};
 use crate::region::{Part, Region};
 use crate::vector::{dot, norm as size};
@@ -60,10 +61,10 @@ impl Frame {
     ///
     /// # Errors
     /// [`Error::Value`] for a region that is unbounded, or noise that is rounding in all rows; [`Error::Memory`].
-    pub fn new(region: &Region, noise: &[f64], pairs: usize) -> Result<Self> {
+    pub fn new<'a>(region: &Region, noise: impl Into<MatrixView<'a>>, pairs: usize) -> Result<Self> {
         let (d, pairs) = (region.width(), pairs.max(1) as f64);
         let outputs = region.centre().len() / d;
-        let square = checked_len(WHAT, d, d)?;
+        let (square, noise) = (checked_len(WHAT, d, d)?, noise.into().sized("noise", outputs, outputs)?);
         let wrong = |name, expected, found: &str| Error::Value { name, expected, found: found.into() };
         if !region.radius().is_finite() {
             return Err(wrong("region", "bounded", "another one"));
@@ -77,7 +78,7 @@ impl Frame {
         }
         let readings = |row: &[f64]| row.iter().zip(&scale).map(|(c, size)| (c * size).abs()).sum::<f64>();
         let sizes = try_collect(WHAT, region.centre().chunks_exact(d).map(readings))?;
-        let rows = watched(noise, &sizes)?;
+        let rows = watched(&noise, &sizes)?;
         let n = rows.len();
         let own = checked_len(WHAT, n, n)?;
         let noise = try_collect(WHAT, (0..own).map(|at| noise[rows[at / n] * outputs + rows[at % n]]))?;

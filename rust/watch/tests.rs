@@ -9,7 +9,7 @@ use crate::region::{Part, PartOf, Region};
 use crate::window::{Kind, Window};
 
 const CENTRE: [f64; 6] = [0.9, 0.2, 0.0, -0.1, 0.8, 1.0];
-const SBAR: [f64; 4] = [0.09, 0.01, 0.01, 0.04];
+const SBAR: [[f64; 2]; 2] = [[0.09, 0.01], [0.01, 0.04]];
 
 fn z(t: i64) -> [f64; 3] {
     [0, 1, 2].map(|i| ((2 * i + 1) * (t + 1) * (t + 1) % 11 - 5) as f64)
@@ -406,11 +406,11 @@ fn a_watch_goes_on_bit_by_bit() {
 
 #[test]
 fn rows_without_noise_of_their_own() {
-    let rows = |noise: [f64; 4]| Frame::new(&region(None), &noise, 12).map(|frame| frame.rows);
+    let rows = |noise: [[f64; 2]; 2]| Frame::new(&region(None), &noise, 12).map(|frame| frame.rows);
     assert_eq!(rows(SBAR).unwrap(), [0, 1]);
-    assert_eq!(rows([1e-40, 0.0, 0.0, 0.04]).unwrap(), [1]); // rounding of the readings
-    assert_eq!(rows([0.09, 0.06, 0.06, 0.04]).unwrap(), [0]); // 2/3 of the first row
-    assert_eq!(rows([0.04, 0.0, 0.0, -1.0]).unwrap(), [0]);
-    assert!(rows([0.0; 4]).is_err());
+    assert_eq!(rows([[1e-40, 0.0], [0.0, 0.04]]).unwrap(), [1]); // rounding of the readings
+    assert_eq!(rows([[0.09, 0.06], [0.06, 0.04]]).unwrap(), [0]); // 2/3 of the first row
+    assert_eq!(rows([[0.04, 0.0], [0.0, -1.0]]).unwrap(), [0]);
+    assert!(rows([[0.0; 2]; 2]).is_err());
     assert!(Frame::new(&region(None), &SBAR[..1], 12).is_err());
 }

@@ -13,6 +13,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 
 use crate::error::{Error, Result, require_finite, sized};
 use crate::identify::whiten;
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, covered, room_for_products, try_collect, try_copy, try_room, try_zeros};
 
 use super::shape::{WHAT, Window};
@@ -145,21 +146,29 @@ impl Filter {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`].
-    pub fn new(window: Window, theta: &[f64], noise: &[f64], mean: &[f64], wide: &[f64]) -> Result<Self> {
-        let (n, p, m) = (window.states(), window.outputs(), window.inputs());
-        for (name, values, len) in [("noise", noise, p * p), ("mean", mean, p), ("wide", wide, p + m)] {
+    pub fn new<'a>(
+        window: Window,
+        theta: impl Into<MatrixView<'a>>,
+        noise: impl Into<MatrixView<'a>>,
+        mean: &[f64],
+        wide: &[f64],
+    ) -> Result<Self> {
+        let (n, p, m, d) = (window.states(), window.outputs(), window.inputs(), window.length());
+        let (theta, noise) = (theta.into().sized("theta", p, d)?, noise.into().finite("noise", p, p)?);
+        for (name, values, len) in [("mean", mean, p), ("wide", wide, p + m)] {
             sized(name, values.len(), len)?;
             require_finite(name, values)?;
         }
-        let (of, none) = (window.linear(theta)?, window.linear(&try_zeros(WHAT, theta.len())?)?);
-        let (d, k, past) = (window.length(), n + m + usize::from(window.intercept()), window.count() * p);
+        let [of, none] = [&*theta, &try_zeros(WHAT, theta.len())?].map(|of| window.linear(MatrixView::of(of, d)));
+        let (of, none) = (of?, none?);
+        let (k, past) = (n + m + usize::from(window.intercept()), window.count() * p);
         room_for_products()?;
         covered(WHAT, 256 * (n as u128 + d as u128 + p as u128).pow(2), || {
             let of_outputs =
-                MatRef::from_row_major_slice(theta, p, d) * MatRef::from_row_major_slice(&of.entering, d, k);
+                MatRef::from_row_major_slice(&theta, p, d) * MatRef::from_row_major_slice(&of.entering, d, k);
             let c = of_outputs.subcols(0, n).to_owned();
             let entry = |i: usize, j: usize| if j < n { none.matrix[i * k + j] } else { of.noise[i * p + j - n] };
-            let noise = MatRef::from_row_major_slice(noise, p, p).to_owned();
+            let noise = MatRef::from_row_major_slice(&noise, p, p).to_owned();
             let root = noise.llt(Side::Lower).map_err(|_| {
                 Error::Numerical("the covariance of the noise of the readings is not positive definite".into())
             })?;

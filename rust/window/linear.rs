@@ -1,6 +1,7 @@
 //! A window model as a linear system of its state.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_zeros};
 
 use super::shape::{WHAT, Window};
@@ -21,12 +22,9 @@ impl Window {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn linear(&self, theta: &[f64]) -> Result<Linear> {
+    pub fn linear<'a>(&self, theta: impl Into<MatrixView<'a>>) -> Result<Linear> {
         let (n, m, d) = (self.states(), self.inputs(), self.length());
-        if theta.len() != checked_len(WHAT, self.outputs(), d)? {
-            let (expected, found) = (format!("{} rows of {d}", self.outputs()), format!("{} entries", theta.len()));
-            return Err(Error::Shape { name: "theta", expected, found });
-        }
+        let theta = theta.into().sized("theta", self.outputs(), d)?;
         let k = n + m + usize::from(self.intercept());
         let mut entering = try_zeros(WHAT, checked_len(WHAT, d, k)?)?;
         let mut matrix = try_zeros(WHAT, checked_len(WHAT, n, k)?)?;

@@ -19,23 +19,23 @@
 //! use stochens::window::{Filter, Kind, Window};
 //! use stochens::{MatrixView, Stop};
 //! // the model y(t+1) = .9 y(t) + .5 u(t), noise of .01, |u| <= 1: the state of its window is y(t)
-//! let (theta, noise, stop) = ([0.9, 0.5], [1e-4], Stop::new());
+//! let (theta, noise, stop) = ([[0.9, 0.5]], [[1e-4]], Stop::new());
 //! let window = Window::new(1, 1, Kind::Lags(1), 0, false, 0)?;
 //! // where y rests at 1, and how that moves with a constant load e: (y, u) = place + of_bias e
-//! let points = SetPoints::new(window, MatrixView::new(&theta, 1, 2)?, &[1.0, 1.0])?;
+//! let points = SetPoints::new(window, &theta, &[1.0, 1.0])?;
 //! let (low, high, weights) = ([-1.0], [1.0], (&[[1.0]]).into());
 //! let wish = SetPointTask { target: &[1.0], weights, now: &[0.0], low: &low, high: &high, given: &[f64::NAN] };
 //! let rest = points.at(&wish)?;
 //! // which readings are true, and the load: it may move by as much as .1 of the input in a step
-//! let bias = Bias::learned(&points.of_inputs()?, &[0.1], &noise)?;
+//! let bias = Bias::learned(MatrixView::new(&points.of_inputs()?, 1, 1)?, &[0.1], &noise)?;
 //! let aim = Aim { of_bias: vec![rest.of_bias[1]], limits: [vec![rest.place[1]], low.into(), high.into()] };
 //! let filter = Filter::new(window, &theta, &noise, &[0.0], &[1.0, 1.0])?;
 //! let mut readings = Readings::new(filter, &theta, None, bias, aim, 3)?;
 //! // plans of 10 steps to the point of rest
-//! let (model, of_step) = (window.linear(&theta)?.matrix, |value| vec![value; 10]);
+//! let model = window.linear(&theta)?.matrix;
 //! let [a, b] = [0, 1].map(|j| MatrixView::new(&model, 1, 2).and_then(|whole| whole.columns(j..j + 1)));
-//! let (stage, terminal, r) = (vec![1.0], vec![10.0], Some(vec![0.1]));
-//! let (low, high, reference) = (of_step(-1.0), of_step(1.0), of_step(0.0));
+//! let (low, high, reference) = ((&[[-1.0]; 10]).into(), (&[[1.0]; 10]).into(), (&[[0.0]; 10]).into());
+//! let (stage, terminal, r) = ((&[[1.0]]).into(), (&[[10.0]]).into(), Some((&[[0.1]]).into()));
 //! let task = Task { low, high, stage, terminal, reference, r, ..Task::default() };
 //! let mut plans = RecedingHorizon::new(Horizon::new(a?, b?, None, task)?, &stop)?;
 //!

@@ -1,7 +1,8 @@
 //! How far a window model is from rest.
 
-use crate::error::{Error, Result, require_finite};
-use crate::memory::{checked_len, try_zeros};
+use crate::error::{Result, require_finite, sized};
+use crate::matrix::MatrixView;
+use crate::memory::try_zeros;
 use crate::vector::dot;
 
 use super::shape::{WHAT, Window};
@@ -24,13 +25,11 @@ impl Window {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`].
-    pub fn rest(&self, theta: &[f64], y: &[f64], u: &[f64]) -> Result<Rest> {
+    pub fn rest<'a>(&self, theta: impl Into<MatrixView<'a>>, y: &[f64], u: &[f64]) -> Result<Rest> {
         let (p, d) = (self.outputs(), self.length());
-        if theta.len() != checked_len(WHAT, p, d)? || y.len() != p || u.len() != self.inputs() {
-            let (expected, found) = (format!("{p} rows of {d}, and {p} outputs"), format!("{} outputs", y.len()));
-            return Err(Error::Shape { name: "theta, outputs, inputs", expected, found });
-        }
-        require_finite("theta", theta)?;
+        let theta = theta.into().finite("theta", p, d)?;
+        sized("outputs", y.len(), p)?;
+        sized("inputs", u.len(), self.inputs())?;
         require_finite("outputs", y)?;
         let (mut x, mut z) = (try_zeros::<f64>(WHAT, self.states())?, try_zeros::<f64>(WHAT, d)?);
         self.start(y, u, &mut x); // filters have the gain 1

@@ -2,8 +2,11 @@
 
 use std::sync::Arc;
 
+use stochens::region::{Aim, Bias, Readings};
 use stochens::sample::{Indices, systematic_counts};
-use stochens::{CHUNK, Error, Key, Law, Scheme, Singletons, Stop, sample};
+use stochens::simulate::{noise_deviations, zero_order_hold};
+use stochens::window::{Filter, Kind, Window};
+use stochens::{CHUNK, Error, Key, Law, MatrixView, Scheme, Singletons, Stop, sample};
 
 fn matrix_law() -> Arc<Law> {
     let values = (0..5 * 7).map(|k| if k % 7 == 3 || k / 7 == 2 { 0.0 } else { f64::from(k) - 11.0 }).collect();
@@ -67,4 +70,35 @@ fn a_sample_that_cannot_fit_is_refused_not_aborted() {
     let law = Arc::new(Law::new(vec![1.0; 1 << 17], 1, 1 << 17).unwrap());
     let result = sample(&law, usize::MAX / 8, Scheme::Iid, &Key([0; 32]), 1, &Stop::new());
     assert!(matches!(result, Err(Error::Memory { .. })));
+}
+
+/// They have as many entries as the right ones, and were taken for them.
+#[test]
+fn transposed_matrices_are_refused_with_their_sizes() {
+    let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
+    let (theta, noise, row) =
+        ([[0.9, 0.1, 0.5], [0.0, 0.8, 0.1]], [[0.01, 0.0], [0.0, 0.01]], [[0.01, 0.0, 0.0, 0.01]]);
+    let turned = [[0.9, 0.0], [0.1, 0.8], [0.5, 0.1]];
+    let filter = || Filter::new(window, &theta, &noise, &[0.0; 2], &[1.0; 3]).unwrap();
+    let bias = || Bias::learned(&[[0.5], [0.1]], &[0.1], &noise).unwrap();
+    let readings = |theta: MatrixView<'_>| {
+        let aim = Aim { of_bias: vec![0.0; 2], limits: [vec![0.0], vec![-1.0], vec![1.0]] };
+        Readings::new(filter(), theta, None, bias(), aim, 3)
+    };
+    assert!(window.linear(&theta).is_ok() && readings((&theta).into()).is_ok());
+    let of_theta = "`theta` must have 2 x 3 entries, got 3 x 2";
+    let refused = [
+        (window.linear(&turned).err(), of_theta),
+        (window.rest(&turned, &[0.0; 2], &[0.0]).err(), of_theta),
+        (Filter::new(window, &turned, &noise, &[0.0; 2], &[1.0; 3]).err(), of_theta),
+        (readings((&turned).into()).err(), of_theta),
+        (Filter::new(window, &theta, &row, &[0.0; 2], &[1.0; 3]).err(), "`noise` must have 2 x 2 entries, got 1 x 4"),
+        (Bias::learned(&[[0.5, 0.1]], &[0.1], &noise).err(), "`of_inputs` must have 2 x 1 entries, got 1 x 2"),
+        (zero_order_hold(&noise, &[[1.0, 0.0]], 0.1).err(), "`A` must have 1 x 1 entries, got 2 x 2"),
+        (zero_order_hold(&row, &[[1.0], [0.0]], 0.1).err(), "`A` must have 2 x 2 entries, got 1 x 4"),
+        (noise_deviations(&noise, &row, 3).err(), "`covariance` must have 2 x 2 entries, got 1 x 4"),
+    ];
+    for (found, expected) in refused {
+        assert_eq!(found.unwrap().to_string(), expected);
+    }
 }

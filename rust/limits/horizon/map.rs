@@ -6,7 +6,7 @@ use crate::error::{Error, Result, require_finite, sized};
 use crate::limits::bounds::Bounds;
 use crate::limits::linear::{least_eigenvalue, only_diagonal, root, times};
 use crate::limits::rows::Rows;
-use crate::limits::solve::{Penalty, checked_rows};
+use crate::limits::solve::Penalty;
 use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_copy, try_extend, try_room, try_zeros};
 use crate::vector;
@@ -29,28 +29,41 @@ const UNEQUAL: f64 = 1e-9;
 /// Factorizations that are usual.
 const FACTORS: usize = 8;
 
-/// What the inputs of K steps minimise, and their limits; matrices row by row. K is the number of rows of `reference`;
-/// weights are Q, not their roots, which [`crate::fleet::Units`] takes.
-#[derive(Debug, Clone, Default)]
-pub struct Task {
+/// What the inputs of K steps minimise, and their limits. K is the number of rows of `reference`; weights are Q, not
+/// their roots, which [`crate::fleet::Units`] takes.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Task<'a> {
     /// Limits of the inputs (K, m), infinite where there is none.
-    pub low: Vec<f64>,
+    pub low: MatrixView<'a>,
     /// As `low`.
-    pub high: Vec<f64>,
+    pub high: MatrixView<'a>,
     /// `Q_k` (n, n) before the last step.
-    pub stage: Vec<f64>,
+    pub stage: MatrixView<'a>,
     /// `Q_K` (n, n).
-    pub terminal: Vec<f64>,
+    pub terminal: MatrixView<'a>,
     /// `r(1) .. r(K)` (K, n).
-    pub reference: Vec<f64>,
+    pub reference: MatrixView<'a>,
     /// `R` (m, m); none: `1e-8 tr(G'QG) / (m K)` times the identity.
-    pub r: Option<Vec<f64>>,
+    pub r: Option<MatrixView<'a>>,
     /// `|u(k) - u(k-1)| <= rate` (m), and `u(-1)` (m).
-    pub rate: Option<(Vec<f64>, Vec<f64>)>,
+    pub rate: Option<(&'a [f64], &'a [f64])>,
     /// Lower and upper limits of `x(1) .. x(K)` (K, n).
-    pub states: Option<(Vec<f64>, Vec<f64>)>,
+    pub states: Option<(MatrixView<'a>, MatrixView<'a>)>,
     /// The weight of squares beyond limits on states; none: they are hard.
     pub soft: Option<f64>,
+}
+
+/// The same in memory of its own, row by row.
+#[derive(Debug)]
+pub(super) struct Kept {
+    pub(super) low: Vec<f64>,
+    pub(super) high: Vec<f64>,
+    pub(super) stage: Vec<f64>,
+    pub(super) terminal: Vec<f64>,
+    pub(super) reference: Vec<f64>,
+    pub(super) rate: Option<(Vec<f64>, Vec<f64>)>,
+    pub(super) states: Option<(Vec<f64>, Vec<f64>)>,
+    pub(super) soft: Option<f64>,
 }
 
 /// A system and a task over K steps; what is needed of the map is computed once.
@@ -61,7 +74,7 @@ pub struct Horizon {
     pub(super) steps: usize,
     pub(super) a: Vec<f64>,
     pub(super) b: Vec<f64>,
-    pub(super) task: Task,
+    pub(super) task: Kept,
     /// `R`, given or chosen.
     pub(super) r: Vec<f64>,
     /// The offset, if there is one.
@@ -82,7 +95,7 @@ pub struct Horizon {
     powers: OnceLock<Vec<f64>>,
 }
 
-impl Task {
+impl Kept {
     /// Its limits besides those of single inputs.
     pub(super) fn rows(&self) -> Rows<'_> {
         let rate = self.rate.as_ref().map(|(rate, previous)| (&rate[..], &previous[..]));
@@ -91,8 +104,9 @@ impl Task {
     }
 }
 
-/// Refuses a weight (n, n) that is not symmetric, or with an eigenvalue below 0, but for rounding.
-fn checked_weight(name: &'static str, weight: &[f64], n: usize) -> Result<()> {
+/// A weight (n, n); refuses one that is not symmetric, or with an eigenvalue below 0, but for rounding.
+fn weight(name: &'static str, of: MatrixView<'_>, n: usize) -> Result<Vec<f64>> {
+    let weight = try_copy(WHAT, &of.finite(name, n, n)?)?;
     let size = weight.iter().fold(0.0f64, |most, v| most.max(v.abs()));
     let refused = |expected, found| Err(Error::Value { name, expected, found });
     for (i, j) in (0..n).flat_map(|i| (0..i).map(move |j| (i, j))) {
@@ -101,11 +115,11 @@ fn checked_weight(name: &'static str, weight: &[f64], n: usize) -> Result<()> {
             return refused("symmetric", format!("{below} at ({i}, {j}) and {above} at ({j}, {i})"));
         }
     }
-    let least = least_eigenvalue(weight, n)?;
+    let least = least_eigenvalue(&weight, n)?;
     if least < -UNEQUAL * size {
         return refused("without eigenvalues below 0", format!("{least:.3e}"));
     }
-    Ok(())
+    Ok(weight)
 }
 
 /// What a problem computes at the first use.
@@ -182,11 +196,11 @@ impl Horizon {
         a: impl Into<MatrixView<'a>>,
         b: impl Into<MatrixView<'a>>,
         c: Option<&[f64]>,
-        task: Task,
+        task: Task<'_>,
     ) -> Result<Self> {
         let b = b.into();
         let (n, m) = b.shape();
-        let steps = task.reference.len().checked_div(n).unwrap_or(0);
+        let steps = task.reference.shape().0;
         if n == 0 || m == 0 {
             return Err(Error::Shape { name: "B", expected: "a state and an input".into(), found: "none".into() });
         }
@@ -195,31 +209,26 @@ impl Horizon {
             return Err(Error::Shape { name: "reference", expected, found: "none".into() });
         }
         let d = checked_len(WHAT, steps, m)?;
-        let lengths = [
-            ("reference", task.reference.len(), steps, n),
-            ("stage", task.stage.len(), n, n),
-            ("terminal", task.terminal.len(), n, n),
-            ("low", task.low.len(), steps, m),
-            ("high", task.high.len(), steps, m),
-            ("R", task.r.as_ref().map_or(m * m, Vec::len), m, m),
-            ("c", c.map_or(n, <[f64]>::len), 1, n),
-        ];
-        for (name, len, rows, columns) in lengths {
-            checked_rows(name, len, rows, columns)?;
-        }
-        let (a, b) = (a.into().sized("A", n, n)?, b.sized("B", n, m)?);
+        sized("c", c.map_or(n, <[f64]>::len), n)?;
+        let kept = |name, of: MatrixView<'_>, columns| try_copy(WHAT, &of.sized(name, steps, columns)?);
+        let (a, b) = (a.into().finite("A", n, n)?, b.finite("B", n, m)?);
         let (a, b) = (try_copy(WHAT, &a)?, try_copy(WHAT, &b)?);
-        let own = [("A", &a), ("B", &b), ("stage", &task.stage), ("terminal", &task.terminal)];
-        for (name, values) in own.into_iter().chain([("reference", &task.reference)]) {
-            require_finite(name, values)?;
-        }
-        for (name, weight) in [("stage", &task.stage), ("terminal", &task.terminal)] {
-            checked_weight(name, weight, n)?;
-        }
-        if let Some(r) = &task.r {
-            require_finite("R", r)?;
-            checked_weight("R", r, m)?;
-        }
+        let r = task.r.map(|r| weight("R", r, m)).transpose()?;
+        let rate = |(rate, previous)| Ok((try_copy(WHAT, rate)?, try_copy(WHAT, previous)?));
+        let task = Kept {
+            reference: kept("reference", task.reference, n)?,
+            low: kept("low", task.low, m)?,
+            high: kept("high", task.high, m)?,
+            stage: weight("stage", task.stage, n)?,
+            terminal: weight("terminal", task.terminal, n)?,
+            rate: task.rate.map(rate).transpose()?,
+            states: match task.states {
+                Some((low, high)) => Some((kept("state_low", low, n)?, kept("state_high", high, n)?)),
+                None => None,
+            },
+            soft: task.soft,
+        };
+        require_finite("reference", &task.reference)?;
         Bounds::new(&task.low, &task.high, d)?;
         task.rows().check(n, m, steps)?;
         let pushes = pushes(&a, &b, n, steps)?;
@@ -233,8 +242,8 @@ impl Horizon {
         if !size.is_finite() || !pushes.iter().all(|v| v.is_finite()) {
             return Err(Error::Overflow { what: "the weighted effect of the inputs" });
         }
-        let r = match &task.r {
-            Some(r) => try_copy(WHAT, r)?,
+        let r = match r {
+            Some(r) => r,
             None => {
                 let regular = REGULAR * size / d as f64;
                 let mut r = try_zeros(WHAT, m * m)?;

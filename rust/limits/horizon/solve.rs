@@ -1,6 +1,6 @@
 //! The best inputs of a horizon.
 
-use super::map::{Horizon, Task, WHAT};
+use super::map::{Horizon, Kept, WHAT};
 use super::pivoting::Pivoting;
 use crate::error::{Error, Result, sized};
 use crate::limits::bounds::Bounds;
@@ -122,7 +122,7 @@ impl Horizon {
     }
 
     fn problem<'a>(&'a self, x0: &'a [f64], reference: &'a [f64]) -> Steps<'a> {
-        let Task { stage, terminal, .. } = &self.task;
+        let Kept { stage, terminal, .. } = &self.task;
         Steps { a: &self.a, b: &self.b, x0, reference, stage, terminal, r: &self.r }
     }
 
@@ -481,7 +481,7 @@ impl RecedingHorizon {
                 }
             }
             Way::Steps(recursion) => {
-                let Task { low, high, reference, .. } = &horizon.task;
+                let Kept { low, high, reference, .. } = &horizon.task;
                 recursion.solve(x, (reference, &horizon.drift), Bounds { low, high }, until, found)?;
             }
             Way::Anew(warm) => {

@@ -5,7 +5,8 @@ use crate::limits::linear::{decomposition, root, singular_values, times};
 use crate::limits::{Status, Until};
 use crate::matrix::MatrixView;
 use crate::parallel::Stop;
-use crate::region::{Part, PartOf, Region};
+use crate::region::tests::round;
+use crate::region::{Part, Region};
 use crate::simulate::Plans;
 use crate::{Key, Scheme};
 
@@ -21,19 +22,24 @@ fn of_input(b: &[f64]) -> MatrixView<'_> {
     MatrixView::of(b, 1)
 }
 
-fn task(steps: usize, limit: f64) -> Task {
+/// Every entry of a matrix of so many rows.
+fn filled(value: f64, rows: usize, columns: usize) -> MatrixView<'static> {
+    MatrixView::of(vec![value; rows * columns].leak(), columns)
+}
+
+fn task(steps: usize, limit: f64) -> Task<'static> {
     Task {
-        low: vec![-limit; steps],
-        high: vec![limit; steps],
-        stage: vec![2.0, 0.5, 0.5, 1.0],
-        terminal: vec![1.0, 0.0, 0.0, 3.0],
-        reference: (0..2 * steps).map(|i| (i as f64).sin()).collect(),
-        r: Some(vec![0.1]),
+        low: filled(-limit, steps, 1),
+        high: filled(limit, steps, 1),
+        stage: (&[[2.0, 0.5], [0.5, 1.0]]).into(),
+        terminal: (&[[1.0, 0.0], [0.0, 3.0]]).into(),
+        reference: of((0..2 * steps).map(|i| (i as f64).sin()).collect::<Vec<_>>().leak()),
+        r: Some((&[[0.1]]).into()),
         ..Task::default()
     }
 }
 
-fn horizon(task: Task) -> Horizon {
+fn horizon(task: Task<'_>) -> Horizon {
     Horizon::new(of(&A), of_input(&B), Some(&[0.1, -0.2]), task).unwrap()
 }
 
@@ -79,10 +85,10 @@ fn the_best_inputs_are_no_worse_than_others_within_the_limits() {
 #[test]
 fn rates_and_states_and_a_loop() {
     let mut limited = task(4, 0.4);
-    limited.rate = Some((vec![0.2], vec![0.0]));
-    limited.states = Some((vec![-0.3; 8], vec![f64::INFINITY; 8]));
+    limited.rate = Some((&[0.2], &[0.0]));
+    limited.states = Some((filled(-0.3, 4, 2), filled(f64::INFINITY, 4, 2)));
     limited.soft = Some(10.0);
-    let h = horizon(limited.clone());
+    let h = horizon(limited);
     let best = solved(&h, &X0);
     let u = &best.found.control;
     assert!(u[0].abs() <= 0.2 + 1e-12 && u.windows(2).all(|u| (u[1] - u[0]).abs() <= 0.2 + 1e-12));
@@ -144,21 +150,9 @@ fn parts_and_shifts_agree() {
     let model = horizon(task(3, 0.5));
     let given = solved(&model, &X0).found;
     let at = model.states(&X0, &given.control).unwrap();
-    let identity = (&[[1.0, 0.0], [0.0, 1.0]]).into();
-    let (rows, columns) = ([0, 1], [0, 1]);
-    let part = PartOf {
-        rows: &rows,
-        columns: &columns,
-        white: identity,
-        root: identity,
-        missing: None,
-        ratio: 1.0,
-        shape: identity,
-        factor: 1e-4,
-    };
     let own = |i: usize, j: usize| if j < 2 { A[2 * i + j] } else { B[i] };
     let one = region(|i, j| own(i, j) + if i == j { 0.01 } else { 0.0 }, Vec::new());
-    let other = region(own, vec![Arc::new(Part::new(part).unwrap())]);
+    let other = region(own, vec![round(&[0, 1], &[0, 1], 1e-4)]);
     let found = [one, other].map(|around| model.apart(&around, &at, &given.control, 0.1, given.gap).unwrap());
     assert!((found[0].distance - found[1].distance).abs() <= 1e-12 * found[0].distance);
 }
@@ -187,7 +181,7 @@ fn drawn_errors_do_not_depend_on_threads_and_follow_the_estimates() {
         let estimates = plans().unwrap().estimates(0, 150, &key, &stop).unwrap();
         let best = solved(&h, &X0).found;
         for (errors, estimate) in one.chunks_exact(3).zip(estimates.chunks_exact(8)).step_by(10) {
-            let own = Horizon::new(of(&estimate[4..]), of_input(&B), None, h.task.clone()).unwrap();
+            let own = Horizon::new(of(&estimate[4..]), of_input(&B), None, given).unwrap();
             let u = solved(&own, &estimate[..2]).found.control;
             let wrong = u.iter().zip(&best.control).map(|(u, v)| (u - v) * (u - v)).sum::<f64>().sqrt();
             assert!((errors[1] - wrong).abs() <= 1e-6 * (1.0 + wrong), "{} {wrong}", errors[1]);
@@ -203,7 +197,7 @@ fn moved_targets_are_zero_without_draws() {
     for (steps, soft) in [(1, None), (3, None), (1, Some(2.0)), (3, Some(2.0))] {
         let mut given = task(steps, 0.3);
         given.soft = soft;
-        given.states = soft.map(|_| (vec![-1.0; 2 * steps], vec![1.0; 2 * steps]));
+        given.states = soft.map(|_| (filled(-1.0, steps, 2), filled(1.0, steps, 2)));
         let h = Horizon::new(of(&A), of_input(&B), None, given).unwrap();
         let given = [entity(&X0), entity(&[0.5, 0.5]), entity(&columns)];
         let runs = Runs { count: 20, key: &key, threads: 1 };
@@ -222,7 +216,7 @@ fn overflow_and_wrong_shapes_are_refused() {
     let huge = Horizon::new(&[[1e200, 0.0], [0.0, 1.0]], of_input(&B), None, task(4, 1.0));
     assert!(matches!(huge, Err(crate::Error::Overflow { .. })));
     let mut short = task(4, 1.0);
-    short.low.pop();
+    short.low = filled(-1.0, 3, 1);
     assert!(matches!(Horizon::new(of(&A), of_input(&B), None, short), Err(crate::Error::Shape { name: "low", .. })));
 }
 
@@ -244,19 +238,19 @@ fn roots_and_singular_values() {
 #[test]
 fn a_plan_over_which_the_system_grows_is_followed() {
     let (steps, r, x0) = (80, 0.1, 0.5);
-    let task = |n: usize, limit: f64, q: Vec<f64>| Task {
-        low: vec![-limit; steps],
-        high: vec![limit; steps],
-        stage: q.clone(),
+    let task = |limit: f64, q: MatrixView<'static>| Task {
+        low: filled(-limit, steps, 1),
+        high: filled(limit, steps, 1),
+        stage: q,
         terminal: q,
-        reference: vec![0.0; steps * n],
-        r: Some(vec![r]),
+        reference: filled(0.0, steps, q.shape().0),
+        r: Some(filled(r, 1, 1)),
         ..Task::default()
     };
     let p = (1..steps).fold(1.0, |p, _| 1.0 + 1.9 * 1.9 * p * r / (r + p));
     let least = 1.9 * 1.9 * p * r / (r + p) * x0 * x0;
     for limit in [10.0, 0.8] {
-        let h = Horizon::new(&[[1.9]], &[[1.0]], None, task(1, limit, vec![1.0])).unwrap();
+        let h = Horizon::new(&[[1.9]], &[[1.0]], None, task(limit, (&[[1.0]]).into())).unwrap();
         let best = h.solve(&[x0], Until::new(&Stop::new(), None)).unwrap();
         let followed = best.followed.unwrap();
         assert_eq!(best.found.status, Status::Optimal);
@@ -265,8 +259,8 @@ fn a_plan_over_which_the_system_grows_is_followed() {
         assert!(best.found.control.iter().all(|u| u.abs() <= limit));
         assert_eq!(best.found.active[0], if limit < 0.88 { -1 } else { 0 });
     }
-    let h = Horizon::new(&[[1.9]], &[[1.0]], Some(&[0.3]), task(1, 10.0, vec![1.0])).unwrap();
-    let wide = task(2, 10.0, vec![1.0, 0.0, 0.0, 0.0]);
+    let h = Horizon::new(&[[1.9]], &[[1.0]], Some(&[0.3]), task(10.0, (&[[1.0]]).into())).unwrap();
+    let wide = task(10.0, (&[[1.0, 0.0], [0.0, 0.0]]).into());
     let more = Horizon::new(&[[1.9, 0.3], [0.0, 1.0]], &[[1.0], [0.0]], None, wide).unwrap();
     let [one, two] = [(h, vec![x0]), (more, vec![x0, 1.0])]
         .map(|(h, x0)| h.solve(&x0, Until::new(&Stop::new(), None)).unwrap().found);

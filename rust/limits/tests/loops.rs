@@ -47,15 +47,20 @@ impl Plant {
             let of = |i: usize| if i % n <= n / 2 { side * (1.0 + 0.1 * (i % 3) as f64) } else { side * f64::INFINITY };
             (0..n * steps).map(of).collect::<Vec<_>>()
         };
+        let high: Vec<_> = (0..m * steps).map(|i| 0.3 + 0.1 * (i % m) as f64).collect();
+        let reference: Vec<_> = (0..n * steps).map(|i| 0.1 * (i as f64).sin()).collect();
+        let (low, zero, stage, terminal) = (vec![-0.3; m * steps], vec![0.0; m], unit(n, 1.0), unit(n, 2.0));
+        let (r, below, above) = (unit(m, 0.1), sides(-0.6), sides(0.8));
+        let rate = kind.rate.map(|last| (0..m).map(|j| if j + 1 < m { 0.11 } else { last }).collect::<Vec<_>>());
         let task = Task {
-            low: vec![-0.3; m * steps],
-            high: (0..m * steps).map(|i| 0.3 + 0.1 * (i % m) as f64).collect(),
-            stage: unit(n, 1.0),
-            terminal: unit(n, 2.0),
-            reference: (0..n * steps).map(|i| 0.1 * (i as f64).sin()).collect(),
-            r: Some(unit(m, 0.1)),
-            rate: kind.rate.map(|last| ((0..m).map(|j| if j + 1 < m { 0.11 } else { last }).collect(), vec![0.0; m])),
-            states: kind.states.map(|_| (sides(-0.6), sides(0.8))),
+            low: MatrixView::of(&low, m),
+            high: MatrixView::of(&high, m),
+            stage: MatrixView::of(&stage, n),
+            terminal: MatrixView::of(&terminal, n),
+            reference: MatrixView::of(&reference, n),
+            r: Some(MatrixView::of(&r, m)),
+            rate: rate.as_ref().map(|rate| (&rate[..], &zero[..])),
+            states: kind.states.map(|_| (MatrixView::of(&below, n), MatrixView::of(&above, n))),
             soft: kind.states.flatten(),
         };
         Horizon::new(MatrixView::of(&self.a, n), MatrixView::of(&self.b, m), Some(&vec![0.01; n]), task).unwrap()
@@ -206,42 +211,46 @@ fn no_call_takes_more_than_the_most() {
 /// Each of these was taken for no limit at all, with the status of an optimum, or read in part.
 #[test]
 fn what_is_no_limit_is_refused() {
-    type Change<'a> = &'a dyn Fn(&mut Task);
+    type Change<'a> = &'a dyn Fn(&mut Task<'static>);
     let of = |change: Change<'_>| {
         let mut task = Task {
-            low: vec![-1.0; 8],
-            high: vec![1.0; 8],
-            stage: vec![1.0, 0.1, 0.1, 1.0],
-            terminal: vec![1.0, 0.0, 0.0, 1.0],
-            reference: vec![0.0; 16],
-            r: Some(vec![0.1]),
-            rate: Some((vec![0.1], vec![0.0])),
-            states: Some((vec![-1.0; 16], vec![1.0; 16])),
+            low: (&[[-1.0]; 8]).into(),
+            high: (&[[1.0]; 8]).into(),
+            stage: (&[[1.0, 0.1], [0.1, 1.0]]).into(),
+            terminal: (&[[1.0, 0.0], [0.0, 1.0]]).into(),
+            reference: (&[[0.0; 2]; 8]).into(),
+            r: Some((&[[0.1]]).into()),
+            rate: Some((&[0.1], &[0.0])),
+            states: Some(((&[[-1.0; 2]; 8]).into(), (&[[1.0; 2]; 8]).into())),
             soft: Some(1.0),
         };
         change(&mut task);
         Horizon::new(&[[1.0, 0.1], [0.0, 1.0]], &[[0.0], [0.1]], None, task)
     };
     let mut right = RecedingHorizon::new(of(&|_| ()).unwrap(), &Stop::new()).unwrap();
-    let wrong: [(&str, Change<'_>); 14] = [
-        ("rate", &|task| task.rate = Some((vec![f64::NAN], vec![0.0]))),
-        ("rate", &|task| task.rate = Some((vec![0.0], vec![0.0]))),
-        ("rate", &|task| task.rate = Some((vec![], vec![0.0]))),
-        ("previous", &|task| task.rate = Some((vec![0.1], vec![f64::NAN]))),
-        ("previous", &|task| task.rate = Some((vec![0.1], vec![]))),
-        ("state_high", &|task| task.states = Some((vec![-1.0; 16], vec![]))),
-        ("state_low", &|task| task.states = Some((vec![-1.0; 16], vec![f64::NAN; 16]))),
-        ("low", &|task| task.low[3] = f64::NAN),
-        ("low", &|task| task.low[3] = 2.0),
+    let wrong: [(&str, Change<'_>); 17] = [
+        ("rate", &|task| task.rate = Some((&[f64::NAN], &[0.0]))),
+        ("rate", &|task| task.rate = Some((&[0.0], &[0.0]))),
+        ("rate", &|task| task.rate = Some((&[], &[0.0]))),
+        ("previous", &|task| task.rate = Some((&[0.1], &[f64::NAN]))),
+        ("previous", &|task| task.rate = Some((&[0.1], &[]))),
+        ("state_high", &|task| task.states = task.states.map(|(low, _)| (low, MatrixView::default()))),
+        ("state_low", &|task| task.states = task.states.map(|(_, high)| ((&[[f64::NAN; 2]; 8]).into(), high))),
+        ("low", &|task| task.low = (&[[-1.0], [f64::NAN], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0]]).into()),
+        ("low", &|task| task.low = (&[[2.0]; 8]).into()),
         ("soft", &|task| task.soft = Some(-1.0)),
-        ("stage", &|task| task.stage[1] = 0.2),
-        ("terminal", &|task| task.terminal[0] = -1.0),
-        ("R", &|task| task.r = Some(vec![-0.1])),
-        ("reference", &|task| task.reference.clear()),
+        ("stage", &|task| task.stage = (&[[1.0, 0.2], [0.1, 1.0]]).into()),
+        ("terminal", &|task| task.terminal = (&[[-1.0, 0.0], [0.0, 1.0]]).into()),
+        ("R", &|task| task.r = Some((&[[-0.1]]).into())),
+        ("reference", &|task| task.reference = MatrixView::default()),
+        // as many entries as the right ones have
+        ("low` must have 8 x 1 entries, got 1 x 8", &|task| task.low = (&[[-1.0; 8]]).into()),
+        ("stage` must have 2 x 2 entries, got 1 x 4", &|task| task.stage = (&[[1.0, 0.1, 0.1, 1.0]]).into()),
+        ("reference` must have 2 x 2 entries, got 2 x 8", &|task| task.reference = (&[[0.0; 8]; 2]).into()),
     ];
     for (name, change) in wrong {
         let error = of(change).unwrap_err().to_string();
-        assert!(error.contains(&format!("`{name}`")), "{name}: {error}");
+        assert!(error.contains(&format!("`{name}")), "{name}: {error}");
     }
     let stop = Stop::new();
     let first = right.solve(&[0.5, 0.0], Until::new(&stop, None)).unwrap().control.clone();

@@ -1,13 +1,12 @@
 //! What a call of a loop from readings allocates: the window and its gate, the set point, and the plan or the gain.
 
-use std::sync::Arc;
-
 use super::*;
 use crate::limits::horizon::{Horizon, RecedingHorizon, Task};
 use crate::limits::{Policy, SetPointTask, SetPoints};
 use crate::matrix::MatrixView;
 use crate::memory::tests::counted;
-use crate::region::{Aim, Bias, Gate, Part, PartOf, Readings, Region};
+use crate::region::tests::round;
+use crate::region::{Aim, Bias, Gate, Readings, Region};
 use crate::window::{Filter, Kind, Window};
 
 /// Two outputs and two inputs, two lags of each.
@@ -39,39 +38,31 @@ impl Loop {
         let window = Window::new(P, M, Kind::Lags(2), 0, false, 0).unwrap();
         let theta = MatrixView::of(&THETA, 8);
         let points = SetPoints::new(window, theta, &[1.0; P + M]).unwrap();
-        let (all, rows): (Vec<_>, Vec<_>) = ((0..8).collect(), (0..P).collect());
-        let (wide, small) = (eye(8, 1.0), eye(P, 1.0));
-        let part = PartOf {
-            rows: &rows,
-            columns: &all,
-            white: MatrixView::of(&wide, 8),
-            root: MatrixView::of(&wide, 8),
-            missing: None,
-            ratio: 1.0,
-            shape: MatrixView::of(&small, P),
-            factor: 1e-4,
-        };
-        let region = Region::new(theta, 6, vec![Arc::new(Part::new(part).unwrap())], None, false).unwrap();
+        let region = Region::new(theta, 6, vec![round(&[0, 1], &[0, 1, 2, 3, 4, 5, 6, 7], 1e-4)], None, false).unwrap();
         let gate = Gate::new(&region.with_noise(Some(NOISE.to_vec())).unwrap(), 0.01).unwrap();
-        let filter = Filter::new(window, &THETA, &NOISE, &[0.0; P], &[1.0; P + M]).unwrap();
-        let bias = Bias::learned(&points.of_inputs().unwrap(), &[0.1; M], &NOISE).unwrap();
+        let (noise, of_inputs) = (MatrixView::of(&NOISE, P), points.of_inputs().unwrap());
+        let filter = Filter::new(window, theta, noise, &[0.0; P], &[1.0; P + M]).unwrap();
+        let bias = Bias::learned(MatrixView::of(&of_inputs, M), &[0.1; M], noise).unwrap();
         let none = Aim { of_bias: vec![0.0; M * P], limits: [vec![0.0; M], vec![-0.3; M], vec![0.3; M]] };
-        let readings = Readings::new(filter, &THETA, Some(gate.unwrap()), bias, none, 3).unwrap();
-        let linear = window.linear(&THETA).unwrap();
+        let readings = Readings::new(filter, theta, Some(gate.unwrap()), bias, none, 3).unwrap();
+        let linear = window.linear(theta).unwrap();
         let (a, b): (Vec<f64>, Vec<f64>) = linear
             .matrix
             .chunks_exact(N + M)
             .fold((vec![], vec![]), |(a, b), row| ([&a[..], &row[..N]].concat(), [&b[..], &row[N..]].concat()));
         let side = |side: f64| (0..N * steps).map(|i| side * if i % N < P { 0.4 } else { INF }).collect::<Vec<_>>();
+        let (sides, weights) = ([side(-1.0), side(1.0)], [eye(N, 1.0), eye(M, 0.1)]);
+        let (low, high, zero) = (vec![-0.3; M * steps], vec![0.3; M * steps], vec![0.0; N * steps]);
+        let rate = rate.map(|rate| [rate; M]);
         let task = Task {
-            low: vec![-0.3; M * steps],
-            high: vec![0.3; M * steps],
-            stage: eye(N, 1.0),
-            terminal: eye(N, 1.0),
-            reference: vec![0.0; N * steps],
-            r: Some(eye(M, 0.1)),
-            rate: rate.map(|rate| (vec![rate; M], vec![0.0; M])),
-            states: soft.map(|_| (side(-1.0), side(1.0))),
+            low: MatrixView::of(&low, M),
+            high: MatrixView::of(&high, M),
+            stage: MatrixView::of(&weights[0], N),
+            terminal: MatrixView::of(&weights[0], N),
+            reference: MatrixView::of(&zero, N),
+            r: Some(MatrixView::of(&weights[1], M)),
+            rate: rate.as_ref().map(|rate| (&rate[..], &[0.0; M][..])),
+            states: soft.map(|_| (MatrixView::of(&sides[0], N), MatrixView::of(&sides[1], N))),
             soft,
         };
         let law = if steps == 0 {

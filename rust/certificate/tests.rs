@@ -3,6 +3,7 @@ use std::sync::Arc;
 use super::*;
 use crate::matrix::MatrixView;
 use crate::parallel::Stop;
+use crate::region::tests::round;
 use crate::region::{Part, PartOf, Region};
 
 /// Components have room for the rounding of singular values.
@@ -144,18 +145,7 @@ fn a_plan_takes_the_best_of_all_ways() {
     near(found.start, 0.8 * 0.1 + 0.75 * 0.1 * 0.1);
     near(found.target, found.reach + found.model_error + found.start);
     // a region of all steps at once: x(2) = a x(0) + b0 u(0) + b1 u(1)
-    let eye = (&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).into();
-    let of = PartOf {
-        rows: &[0],
-        columns: &[0, 1, 2],
-        white: eye,
-        root: eye,
-        missing: None,
-        ratio: 1.0,
-        shape: (&[[1.0]]).into(),
-        factor: 1.0,
-    };
-    let direct = Region::new(&[[0.64, 0.8, 1.0]], 2, vec![Arc::new(Part::new(of).unwrap())], None, false).unwrap();
+    let direct = Region::new(&[[0.64, 0.8, 1.0]], 2, vec![round(&[0], &[0, 1, 2], 1.0)], None, false).unwrap();
     let way = Way { region: &direct, inputs: &[1.0, 1.0], to_come: None, compares: true };
     let task = Endpoints { predicted: &[2.0, 2.6, 3.08], ..task };
     let found = certify(task, &[way], None, (true, &Stop::new())).unwrap();

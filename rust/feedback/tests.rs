@@ -1,26 +1,14 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::region::{Part, PartOf, Region};
+use crate::region::Region;
 use crate::{MatrixView, Stop};
 
 /// Around `[A B]` with `V = I` and `S = I`.
 fn round(centre: &[f64], n: usize, m: usize, rho: f64) -> Region {
     let d = n + m;
-    let eye = |k: usize| (0..k * k).map(|at| f64::from(u8::from(at / k == at % k))).collect::<Vec<_>>();
-    let (rows, columns) = ((0..n).collect::<Vec<_>>(), (0..d).collect::<Vec<_>>());
-    let (white, shape) = (eye(d), eye(n));
-    let of = PartOf {
-        rows: &rows,
-        columns: &columns,
-        white: MatrixView::of(&white, d),
-        root: MatrixView::of(&white, d),
-        missing: None,
-        ratio: 1.0,
-        shape: MatrixView::of(&shape, n),
-        factor: rho * rho,
-    };
-    Region::new(MatrixView::of(centre, d), m, vec![Arc::new(Part::new(of).unwrap())], None, false).unwrap()
+    let part = crate::region::tests::round(&Vec::from_iter(0..n), &Vec::from_iter(0..d), rho * rho);
+    Region::new(MatrixView::of(centre, d), m, vec![part], None, false).unwrap()
 }
 
 fn near(found: f64, expected: f64, within: f64) {
@@ -99,18 +87,7 @@ fn plans_are_accepted_within_limits_only() {
 #[test]
 fn changes_of_inputs_are_kept_within_limits() {
     let one = Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[[-0.9]], &Stop::new()).unwrap();
-    let eye = (&[[1.0, 0.0], [0.0, 1.0]]).into();
-    let of = PartOf {
-        rows: &[0],
-        columns: &[0, 2],
-        white: eye,
-        root: eye,
-        missing: None,
-        ratio: 1.0,
-        shape: (&[[1.0]]).into(),
-        factor: 0.01,
-    };
-    let parts = || vec![Arc::new(Part::new(of).unwrap())];
+    let parts = || vec![crate::region::tests::round(&[0], &[0, 2], 0.01)];
     let wider = |a: f64| Region::new(&[[1.2, a, 1.0], [0.0, 0.0, 1.0]], 1, parts(), None, false).unwrap();
     assert!(one.behind(&wider(0.0), &[[-0.9, 0.1]], &Stop::new()).is_err());
     assert!(one.behind(&wider(0.1), &[[-0.9, 0.0]], &Stop::new()).is_err());

@@ -742,10 +742,8 @@ impl Policy<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
-    use crate::region::PartOf;
+    use crate::region::tests::round;
     use crate::window::Kind;
 
     const INF: f64 = f64::INFINITY;
@@ -818,24 +816,12 @@ mod tests {
             let points = SetPoints::new(window, MatrixView::of(&theta, d), &vec![1.0; p + m]).unwrap();
             let mut target = vec![f64::NAN; p];
             target[..p.min(m)].fill(0.1);
-            let eye = |n: usize| (0..n * n).map(|at| f64::from(u8::from(at % (n + 1) == 0))).collect::<Vec<_>>();
+            let eye: Vec<_> = (0..p * p).map(|at| f64::from(u8::from(at % (p + 1) == 0))).collect();
             let (low, high, given) = (vec![-0.5; m], vec![0.5; m], vec![f64::NAN; m]);
-            let (eyes, now) = ([eye(p), eye(d)], vec![0.0; p]);
-            let (weights, eye) = (MatrixView::of(&eyes[0], p), MatrixView::of(&eyes[1], d));
+            let (weights, now) = (MatrixView::of(&eye, p), vec![0.0; p]);
             let wish = SetPointTask { target: &target, weights, now: &now, low: &low, high: &high, given: &given };
             let point = points.at(&wish).unwrap();
-            let (all, rows): (Vec<_>, Vec<_>) = ((0..d).collect(), (0..p).collect());
-            let part = Part::new(PartOf {
-                rows: &rows,
-                columns: &all,
-                white: eye,
-                root: eye,
-                missing: None,
-                ratio: 1.0,
-                shape: weights,
-                factor: 1e-8,
-            });
-            let part = Arc::new(part.unwrap());
+            let part = round(&Vec::from_iter(0..p), &Vec::from_iter(0..d), 1e-8);
             let region = Region::new(MatrixView::of(&theta, d), d - p - 1, vec![part], None, false).unwrap();
             let spread = points.spread(&point, &region).unwrap().unwrap();
             assert!(spread.norm < 1.0 && spread.half.iter().all(|half| half.is_finite()));

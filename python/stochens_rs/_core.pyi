@@ -56,6 +56,7 @@ __all__ = [
     "exceedances",
     "f_upper",
     "feedback_gain",
+    "final_covariance",
     "fit",
     "fleet_alone",
     "fleet_mean",
@@ -63,6 +64,7 @@ __all__ = [
     "fleet_worst",
     "followed_inputs",
     "fuse_path",
+    "fused_covariance",
     "guaranteed_gain",
     "hull_between",
     "hull_explained",
@@ -73,10 +75,12 @@ __all__ = [
     "instants",
     "joint_radii",
     "least_squares_level",
+    "line_covariances",
     "log_multigamma",
     "loop_eigenvalues",
     "mean_difference",
     "mean_radius",
+    "mean_square",
     "mixtures",
     "next_runs",
     "noise_deviations",
@@ -98,6 +102,7 @@ __all__ = [
     "scenario_rank",
     "scenario_relaxed",
     "scenario_required",
+    "second_moment",
     "simulate_estimates",
     "simulate_plans",
     "simulate_runs",
@@ -112,6 +117,7 @@ __all__ = [
     "trace_quantile",
     "track",
     "trajectory",
+    "trajectory_covariances",
     "triangle",
     "triangle_update",
     "unmoved",
@@ -404,6 +410,23 @@ class Best:
     def with_rounding(
         self, state: float, control: float, largest: float
     ) -> tuple[float, float]: ...
+
+def mean_square(lines: _Floats, size: int, systematic: bool) -> float: ...
+def line_covariances(of: _Floats, size: int, systematic: bool) -> _Floats: ...
+def second_moment(a: _Floats, m: _Floats, rows: bool) -> _Floats: ...
+def fused_covariance(
+    a: _Floats,
+    ends: tuple[_Floats, _Floats],  # x0, xf
+    sizes: tuple[int, int, int],
+    law: tuple[bool, bool, bool],
+    factors: tuple[Factors, bool] | None,
+) -> _Floats: ...
+def final_covariance(
+    a: _Floats, states: _Floats, xf: _Floats, sizes: tuple[int, int, int], rows: bool
+) -> _Floats: ...
+def trajectory_covariances(
+    a: _Floats, b: _Floats, states: _Floats, u: _Floats, sizes: tuple[int, int, int], rows: bool
+) -> _Floats: ...
 
 @final
 class TailBounds:

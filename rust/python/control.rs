@@ -22,7 +22,7 @@ fn vector<'py>(py: Python<'py>, values: &[f64]) -> PyResult<Vector<'py>> {
 
 /// `B = U diag(s) V^T` with the numerical rank as inner size.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Factors")]
-pub(super) struct PyFactors(Arc<Factored>);
+pub(super) struct PyFactors(pub(super) Arc<Factored>);
 
 getters! {
     PyFactors {

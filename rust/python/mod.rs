@@ -6,6 +6,7 @@
 mod arrays;
 mod control;
 mod convert;
+mod covariance;
 mod drawn;
 mod draws;
 mod error;
@@ -49,6 +50,10 @@ use pyo3::prelude::*;
 mod _core {
     #[pymodule_export]
     use super::control::{PyBest, PyFactors, mean_difference, realization_controls};
+    #[pymodule_export]
+    use super::covariance::{
+        final_covariance, fused_covariance, line_covariances, mean_square, second_moment, trajectory_covariances,
+    };
     #[pymodule_export]
     use super::drawn::{drawn_misses, estimate_draws, next_runs};
     #[pymodule_export]

@@ -9,8 +9,10 @@ from functools import partial
 import numpy as np
 import pytest
 
+import stochens_rs as se
 from atoms import TOLERANCE, averages, close, matrix_atoms, mean_and_covariance, vector_atoms
 from stochens_rs.theory import moments
+from twin import moments as twin
 
 AXES = ("columns", "rows")
 
@@ -331,3 +333,57 @@ def test_scale_of_B_does_not_change_its_rank():
             moments.state_covariance((A, np.array(B) * scale), x0, xf),
             moments.state_covariance((A, B), x0, xf),
         )
+
+
+# -- the twin ------------------------------------------------------------------------------------
+
+
+def near(found, expected, floor=1e-13):
+    """Relative to the standard deviations, up to the rounding of the largest variance."""
+    found, expected = np.asarray(found), np.asarray(expected, dtype=float)
+    sd = np.sqrt(np.maximum(np.diagonal(expected, axis1=-2, axis2=-1), 0.0))
+    largest = sd.max(axis=-1)[..., None, None] ** 2
+    allowed = 1e-12 * sd[..., :, None] * sd[..., None, :] + floor * largest
+    assert found.shape == expected.shape
+    assert (np.abs(found - expected) <= allowed).all()
+
+
+KINDS = ("plain", "unstable", "sparse", "graded", "no effect of B", "one state")
+
+
+@axes
+@pytest.mark.parametrize("kind", KINDS)
+def test_random_systems_against_the_twin(kind, axis):
+    gen = np.random.default_rng(KINDS.index(kind))
+    for _ in range(6):
+        n = 1 if kind == "one state" else int(gen.integers(2, 20))
+        m, steps = int(gen.integers(1, 4)), int(gen.integers(1, 5))
+        A, B, u = (gen.standard_normal(shape) for shape in ((n, n), (n, m), (steps, m)))
+        A *= {"unstable": 3.0, "sparse": gen.random((n, n)) < 0.3}.get(kind, 0.5)
+        A *= 10.0 ** -gen.integers(0, 6, n) if kind == "graded" else 1.0
+        B *= kind != "no effect of B"
+        x0, xf = gen.standard_normal((2, n))
+        sizes = tuple(int(N) for N in gen.choice([0, 1, 7, 1000], 3))
+        given = tuple(N or None for N in sizes)
+        for scheme, fusion in (("iid", "product"), ("systematic", "product"), ("iid", "diagonal")):
+            paired = fusion == "diagonal"
+            own = sizes if not paired else tuple(9 * (N > 0) for N in sizes)
+            how = {"axis": axis, "scheme": scheme, "fusion": fusion}
+            for of, of_control in (
+                (moments.control_covariance, True),
+                (moments.state_covariance, False),
+            ):
+                found = of((A, B), x0, xf, tuple(N or None for N in own), **how)
+                near(found, twin.fused(A, B, x0, xf, own, of_control, axis, scheme, paired))
+            line = moments.covariance(A, given[0], axis=axis, scheme=scheme)
+            lines = A.T if axis == "columns" else A
+            near(line, [twin.covariance(one, sizes[0], scheme) for one in lines])
+        states = se.simulate((A, B), x0, u).states
+        S = moments.trajectory_covariance((A, B), x0, u, 5, axis=axis, averaging="mean-field")
+        near(S, twin.trajectory(A, B, states, u, (5, 5, 5), axis))
+        if kind != "no effect of B":
+            square = B if n == 1 else gen.standard_normal((n, n)) + 3.0 * np.eye(n)
+            plan = se.control((A, square), x0, xf, steps=steps)
+            states = se.simulate((A, square), x0, plan.u).states
+            found = moments.final_state_covariance((A, square), x0, xf, steps, given, axis=axis)
+            near(found, twin.final(A, states, xf, sizes, axis), floor=1e-11)

@@ -207,7 +207,7 @@ class Bounded:
         elif vector:
             self.lines = validation.vector("w", data[0])[None, :]
         else:
-            self.lines = np.ascontiguousarray(lines_of(validation.matrix("A", data[0]), lines).T)
+            self.lines = lines_of(validation.matrix("A", data[0]), lines)
         self._cores: dict[str, _core.TailBounds] = {}
 
     def sizes(self, size: Sizes) -> tuple[int | None, ...]:

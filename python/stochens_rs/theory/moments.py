@@ -32,7 +32,7 @@ import numpy as np
 
 from .. import _core
 from .._base import running, types, validation
-from .._base.types import ArrayLike, Averaging, Axis, Floats, Fusion, NDArray, Scheme
+from .._base.types import ArrayLike, Averaging, Axis, Floats, Fusion, Scheme
 from ..exceptions import InputError, ShapeError
 from ..system.system import System
 from . import exact
@@ -128,20 +128,7 @@ def mse(
     (0.2222222222222222, 0.0)
     """
     _, lines, N, systematic = _checked(target, size, axis, scheme)
-    with np.errstate(over="ignore", invalid="ignore"):
-        if not systematic:
-            found = (np.abs(lines) * _sum_of_others(lines)).sum() * _rate(N)
-        elif N == 0.0:
-            found = 0.0
-        else:
-            lines = lines.T[lines.any(axis=0)]
-            # as integers, each of 36 bytes or more and a pointer: W, N W, remainders, 1 - f, and
-            # quotients
-            running.need("the fractional parts", 5 * 44 * lines.size)
-            W = _whole_numbers(lines)
-            f, f_rest = _fractional_parts(N, W, W.sum(axis=1, keepdims=True))
-            found = ((np.abs(lines).sum(axis=1) / N) ** 2 * (f * f_rest).sum(axis=1)).sum()
-    return float(checked_finite(found, "mean squared error"))
+    return _core.mean_square(lines, N, systematic)
 
 
 def covariance(
@@ -188,26 +175,20 @@ def covariance(
            [1., 1.]])
     """
     vector, lines, N, systematic = _checked(target, size, axis, scheme)
-    # the result, and the arrays for one line, or the result before and after 1/N
-    running.need("the covariances", 8 * lines.shape[0] ** 2 * (2 * lines.shape[1] + 5))
-    with np.errstate(over="ignore", invalid="ignore"):
-        if systematic:
-            found = np.array([_systematic_covariance(line, N) for line in lines.T])
-        else:
-            found = np.array([_realization_covariance(line) for line in lines.T]) * _rate(N)
-    checked_finite(found)
-    return np.asarray(found[0] if vector else found, dtype=np.float64)
+    running.need("the covariances", 8 * lines.shape[1] * (lines.size + 3 * lines.shape[1]))
+    found = _core.line_covariances(lines, N, systematic)
+    return found[0] if vector else found
 
 
 def _checked(
     target: object, size: object, axis: str, scheme: str
-) -> tuple[bool, Floats, float, bool]:
-    """Whether it is a vector, its lines as columns, their number, and whether it is systematic."""
+) -> tuple[bool, Floats, int, bool]:
+    """Whether it is a vector, its lines as rows, their number, and whether it is systematic."""
     values = validation.array("target", target, ndim=(1, 2))
     validation.choice("axis", axis, types.AXES)
     systematic = validation.choice("scheme", scheme, types.SCHEMES) == "systematic"
     vector = values.ndim == 1
-    lines = values[:, None] if vector else lines_of(values, axis)
+    lines = values[None] if vector else lines_of(values, axis)
     return vector, lines, count("size", size), systematic
 
 
@@ -246,9 +227,7 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Floa
     """
     A = validation.matrix("A", A)
     M = validation.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
-    validation.choice("axis", axis, types.AXES)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return checked_finite(A @ M @ A.T + _matrix_excess(A, M, axis), "second moment")
+    return _core.second_moment(A, M, validation.choice("axis", axis, types.AXES) == "rows")
 
 
 def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -> Floats:
@@ -286,9 +265,8 @@ def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -
     """
     A = validation.matrix("A", A)
     x0 = validation.vector("x0", x0, length=A.shape[1])
-    validation.choice("axis", axis, types.AXES)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return checked_finite(_product_covariance(A, x0, 1.0, 1.0, axis))
+    law = validation.choice("axis", axis, types.AXES) == "rows", False, False
+    return _core.fused_covariance(A, (x0, np.zeros(len(A))), (1, 0, 1), law, None)
 
 
 def control_covariance(
@@ -357,9 +335,7 @@ def control_covariance(
     >>> control_covariance(system, x0, xf, (None, 10, None))
     array([[0.4]])
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        B, C = _fused_covariance(system, x0, xf, size, fusion, axis, scheme)
-        return _symmetric_product(B.V / B.s, B.U.T @ C @ B.U)
+    return _fused(system, x0, xf, size, True, fusion, axis, scheme)
 
 
 def state_covariance(
@@ -399,9 +375,7 @@ def state_covariance(
     array([[0.72, 0.  ],
            [0.  , 0.  ]])
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        B, C = _fused_covariance(system, x0, xf, size, **law)
-        return _symmetric_product(B.U, B.U.T @ C @ B.U)
+    return _fused(system, x0, xf, size, False, **law)
 
 
 def control_rms(
@@ -529,8 +503,8 @@ def final_state_covariance(
     checked, x0, xf = checked_ends(system, x0, xf)
     A, B, n = checked.A, checked.B, checked.n
     K = checked_steps(steps, n, checked.m)
-    validation.choice("axis", axis, types.AXES)
-    r0, rf, rA = (_rate(N) for N in counts(size))
+    by_rows = validation.choice("axis", axis, types.AXES) == "rows"
+    sizes = counts(size)
     best = exact.best_control(A, B, x0, xf, K)
     rank = best.factors.rank
     if rank < n:
@@ -538,23 +512,9 @@ def final_state_covariance(
             f"`steps` must be large enough for C_K to have rank n={n}, got rank {rank} with "
             f"steps={K}: the expansion does not hold there"
         )
-    # the powers, and their order that `tensordot` takes; the n matrices G_j, twice
-    running.need("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
-    powers = exact.matrix_powers(A, K)
-    with np.errstate(over="ignore", invalid="ignore"):
-        x = exact.states(A, B, x0, best.u.reshape(K, -1))[:K]
-        C = (
-            rf * _realization_covariance(xf)
-            + r0 * powers[K] @ _realization_covariance(x0) @ powers[K].T
-        )
-        carry = powers[K - 1 :: -1]  # carry[k] = A^{K-1-k}
-        if axis == "columns":
-            G = np.tensordot(x.T, carry, axes=1)
-        else:
-            G = np.tensordot(carry, x, axes=(0, 0)).transpose(1, 0, 2)
-        for line, G_j in zip(A.T if axis == "columns" else A, G, strict=True):
-            C += rA * (G_j @ _realization_covariance(line) @ G_j.T)
-    return checked_finite(np.asarray((C + C.T) / 2.0, dtype=np.float64))
+    running.need("the covariance", (n**3 + (K + 8) * n * n) * 8)  # the matrices G_j, the powers
+    x = exact.states(A, B, x0, best.u.reshape(K, -1))
+    return _core.final_covariance(A, x, xf, sizes, by_rows)
 
 
 def trajectory_covariance(
@@ -626,22 +586,15 @@ def trajectory_covariance(
     checked, x0, u = checked_motion(system, x0, u)
     A, B, n = checked.A, checked.B, checked.n
     per_step = validation.choice("averaging", averaging, types.AVERAGINGS) == "mean-field"
-    validation.choice("axis", axis, types.AXES)
-    reciprocal = _rate(count("size", size))
-    step = reciprocal if per_step else 1.0
+    by_rows = validation.choice("axis", axis, types.AXES) == "rows"
+    N = count("size", size)
     drawn = validation.subset("sampled", sampled, ("A", "B", "x0"))
-    rA, rB, r0 = (step * (name in drawn) for name in ("A", "B", "x0"))
+    each = N if per_step else 1
+    nA, nB, n0 = (each * (name in drawn) for name in ("A", "B", "x0"))
     mu = exact.states(A, B, x0, u)
-    running.need("the covariances", (len(u) + 5) * n * n * 8)  # and four products of a step
-    S = np.empty((len(u) + 1, n, n))
-    with np.errstate(over="ignore", invalid="ignore"):
-        S[0] = r0 * _realization_covariance(x0)
-        for k, u_k in enumerate(u):
-            # X_A(M_k) = X_A(S_k) + X_A(mu_k mu_k^T)
-            from_A = _matrix_excess(A, S[k], axis) + _vector_excess(A, mu[k], axis)
-            S[k + 1] = A @ S[k] @ A.T + rA * from_A + rB * _vector_excess(B, u_k, axis)
-    checked_finite(S)
-    return S if per_step else reciprocal * S
+    running.need("the covariances", (len(u) + 7) * n * n * 8)  # and products of a step
+    S = _core.trajectory_covariances(A, B, mu, u, (nA, nB, n0), by_rows)
+    return S if per_step else S * (1.0 / N if N else 0.0)
 
 
 def trajectory_rms(
@@ -682,14 +635,13 @@ def trajectory_rms(
 # -- sizes and results ----------------------------------------------------------------------------
 
 
-def count(name: str, size: object) -> float:
+def count(name: str, size: object) -> int:
     """Check a size; 0 for an entity that is known exactly (None or inf)."""
-    if size is None or (isinstance(size, (float, np.floating)) and size == math.inf):
-        return 0.0
-    return float(validation.size(name, size))
+    exact = size is None or (isinstance(size, (float, np.floating)) and size == math.inf)
+    return 0 if exact else validation.size(name, size)
 
 
-def counts(size: object) -> tuple[float, float, float]:
+def counts(size: object) -> tuple[int, int, int]:
     """The sizes ``(N0, Nf, NA)`` of one number or three, 0 for what is known exactly."""
     if not isinstance(size, (tuple, list)):
         return (count("size", size),) * 3
@@ -700,19 +652,9 @@ def counts(size: object) -> tuple[float, float, float]:
 
 
 def lines_of(A: Floats, axis: str) -> Floats:
-    """``A`` with the sampled lines as columns."""
-    return A if validation.choice("axis", axis, types.AXES) == "columns" else A.T
-
-
-def _rate(N: float) -> float:
-    """``1 / N``; 0 for what is known exactly."""
-    return 1.0 / N if N else 0.0
-
-
-def _symmetric_product(F: Floats, C: Floats) -> Floats:
-    """``F C F^T``, exactly symmetric."""
-    product = F @ C @ F.T
-    return checked_finite(np.asarray((product + product.T) / 2.0, dtype=np.float64))
+    """``A`` with the sampled lines as rows."""
+    by_rows = validation.choice("axis", axis, types.AXES) == "rows"
+    return A if by_rows else np.ascontiguousarray(A.T)
 
 
 def _root_trace(C: Floats) -> Floats:
@@ -722,158 +664,29 @@ def _root_trace(C: Floats) -> Floats:
     return np.asarray(np.sqrt(np.maximum(trace, 0.0)), dtype=np.float64)
 
 
-# -- formulas, on checked arrays ------------------------------------------------------------------
-
-
-def _sum_of_others(lines: Floats) -> Floats:
-    """``sum_{k != i} |W_kj|``, which is ``g_j - |W_ij|`` without the subtraction."""
-    absolute = np.abs(lines)
-    before, after = np.zeros_like(absolute), np.zeros_like(absolute)
-    np.cumsum(absolute[:-1], axis=0, out=before[1:])
-    after[:-1] = np.cumsum(absolute[:0:-1], axis=0)[::-1]
-    return before + after
-
-
-def _realization_covariance(w: Floats) -> Floats:
-    """``Cv(w)`` for one realization."""
-    return _column_excess(w[:, None], np.ones(1))
-
-
-def _column_excess(A: Floats, d: Floats) -> Floats:
-    """``T_A(d)``: off the diagonal ``-A diag(d) A^T``, on it ``Phi d``."""
-    T: Floats = 0.0 - (A * d) @ A.T  # "0.0 -" rather than "-": zeros stay +0.0
-    np.fill_diagonal(T, (np.abs(A) * _sum_of_others(A)) @ d)
-    return T
-
-
-def _centred(values: Floats, weights: Floats) -> Floats:
-    """Subtract from every row of values its weighted mean.
-
-    The value with the largest weight is subtracted first, and is then exactly 0, so that the
-    squares ``g sum_j w_j (v_j - mean)^2 = sum_{j<k} w_j w_k (v_j - v_k)^2`` keep their relative
-    accuracy.
-    """
-    heaviest = weights.argmax(axis=1, keepdims=True)
-    y = values - np.take_along_axis(values, heaviest, axis=1)
-    total = weights.sum(axis=1, keepdims=True)
-    mean = (weights * y).sum(axis=1, keepdims=True) / np.where(total > 0.0, total, 1.0)
-    return np.asarray(y - mean, dtype=np.float64)
-
-
-def _matrix_excess(A: Floats, M: Floats, axis: str) -> Floats:
-    """``E[A^s M A^sT] - A M A^T``."""
-    diagonal = np.diagonal(M)
-    if axis == "columns":
-        return _column_excess(A, diagonal)
-    # Rows are independent of each other: only the diagonal entries differ. They are
-    # sum_j |a_ij| (rho_i - |a_ij|) M_jj - sum_{j != k} a_ij a_ik M_jk.
-    apart = M - np.diag(diagonal)
-    return np.diag((np.abs(A) * _sum_of_others(A.T).T) @ diagonal - ((A @ apart) * A).sum(axis=1))
-
-
-def _vector_excess(A: Floats, x: Floats, axis: str) -> Floats:
-    """``Cov(A^s x)``, which is `_matrix_excess` for ``M = x x^T``."""
-    if axis == "columns":
-        return _column_excess(A, x * x)
-    # sum_{j<k} |a_ij| |a_ik| (s_ij x_j - s_ik x_k)^2
-    weights = np.abs(A)
-    squares = (weights * _centred(np.sign(A) * x, weights) ** 2).sum(axis=1)
-    return np.diag(weights.sum(axis=1) * squares)
-
-
-def _whole_numbers(values: Floats) -> NDArray[Any]:
-    """Integers W of any size with ``|values| = W 2^e`` exactly, e constant along the last axis."""
-    mantissas, exponents = np.frexp(np.abs(values))
-    least = exponents.min(axis=-1, keepdims=True, where=values != 0.0, initial=2000)
-    shifts = np.where(values == 0.0, 0, exponents - least)
-    return np.asarray(np.ldexp(mantissas, 53).astype(np.int64).astype(object) << shifts)
-
-
-def _fractional_parts(N: float, parts: NDArray[Any], whole: NDArray[Any]) -> tuple[Floats, Floats]:
-    """``f = frac(N parts / whole)`` and ``1 - f`` of integers, each correct to its last digit."""
-    remainders = int(N) * parts % whole
-    f, rest = remainders / whole, (whole - remainders) / whole
-    return f.astype(np.float64), rest.astype(np.float64)
-
-
-def _systematic_covariance(w: Floats, N: float) -> Floats:
-    """Covariance of the average of N systematic samples of a vector; N = 0: known exactly."""
-    if N == 0.0 or not w.any():
-        return np.zeros((w.size, w.size))
-    W = _whole_numbers(w)
-    # f_i = frac(N |w_i| / g), phi_i = frac(N (p_1 + ... + p_i)), psi = 1 - phi
-    f, f_rest = _fractional_parts(N, W, W.sum())
-    phi, psi = _fractional_parts(N, np.cumsum(W), W.sum())
-    both = np.minimum.outer(phi, phi) * np.minimum.outer(psi, psi)  # Cov(b_i, b_k)
-    covariance = np.diff(np.diff(both, axis=0, prepend=0.0), axis=1, prepend=0.0)
-    # |Cov(N_i, N_k)| <= sd(N_i) sd(N_k), also where the differences are rounding: 0 where N p_i is
-    # an integer
-    sd = np.sqrt(f * f_rest)
-    most = np.outer(sd, sd)
-    covariance = np.clip(covariance, -most, most)
-    np.fill_diagonal(covariance, f * f_rest)
-    # scaled by a power of two, hence exactly, so that g^2 does not overflow
-    exponent = np.frexp(np.abs(w).max())[1]
-    scale = float(np.ldexp(np.abs(w), -exponent).sum()) / N
-    covariance = scale * scale * covariance * np.outer(np.sign(w), np.sign(w))
-    return np.asarray(np.ldexp(covariance, 2 * exponent), dtype=np.float64)
-
-
-def _systematic_excess(A: Floats, C0: Floats, x: Floats, N: float, axis: str) -> Floats:
-    """``E[A_hat M A_hat^T] - A M A^T``, ``M = C0 + x x^T``, for N systematic samples."""
-    if axis == "columns":  # sum_j M_jj Cov(a_hat_j)
-        weights = C0.diagonal() + x * x
-        covariances = (_systematic_covariance(line, N) for line in A.T)
-        return np.asarray(sum(m * C for m, C in zip(weights, covariances, strict=True)))
-    signs = np.sign(A)
-    moved = signs * _centred(signs * x, np.abs(A))  # the covariance of a line times its signs is 0
-    V = [_systematic_covariance(line, N) for line in A]
-    return np.diag([(C * C0).sum() + y @ C @ y for C, y in zip(V, moved, strict=True)])
-
-
-def _product_covariance(A: Floats, x0: Floats, r0: float, rA: float, axis: str) -> Floats:
-    """``Cov(A_hat x0_hat)`` for ``1/r0`` realizations of ``x0`` and ``1/rA`` of ``A``."""
-    # A Cv(x0) A^T = g sum_i |x_i| y_i y_i^T, y_i = sign(x_i) A e_i minus its mean
-    absolute = np.abs(x0)
-    Y = _centred(A * np.sign(x0), np.broadcast_to(absolute, A.shape))
-    from_x0 = r0 * (absolute.sum() * ((Y * absolute) @ Y.T))
-    from_both = r0 * rA * _matrix_excess(A, _realization_covariance(x0), axis)
-    return np.asarray(from_x0 + rA * _vector_excess(A, x0, axis) + from_both, dtype=np.float64)
-
-
-def _fused_covariance(
+def _fused(
     system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
     size: Sizes,
-    fusion: str = "product",
-    axis: str = "columns",
-    scheme: str = "iid",
-) -> tuple[_core.Factors, Floats]:
-    """``B`` and the covariance of ``xf_hat - A_hat x0_hat`` (diagonal: of the average pair)."""
+    control: bool,
+    fusion: Fusion = "product",
+    axis: Axis = "columns",
+    scheme: Scheme = "iid",
+) -> Floats:
+    """The covariance of the fused control, or of the state that it leads to."""
     checked, x0, xf = checked_ends(system, x0, xf)
-    A, B = checked.A, exact.factors(checked.B)
-    validation.choice("axis", axis, types.AXES)
-    N0, Nf, NA = sizes = counts(size)
+    B = exact.factors(checked.B)
+    rows = validation.choice("axis", axis, types.AXES) == "rows"
+    sizes = counts(size)
     paired = validation.choice("fusion", fusion, types.FUSIONS) == "diagonal"
-    if validation.choice("scheme", scheme, types.SCHEMES) == "systematic":
-        if paired:
-            raise InputError("`fusion` must be 'product' with scheme='systematic', got 'diagonal'")
-        C, C0 = _systematic_covariance(xf, Nf), _systematic_covariance(x0, N0)
-        # Given x0_hat, A_hat x0_hat has the covariance of A_hat at x0_hat; E[x0_hat x0_hat^T] = M.
-        if NA:
-            C = C + _systematic_excess(A, C0, x0, NA, axis)
-        return B, np.asarray(C + A @ C0 @ A.T, dtype=np.float64)
-    total = 1.0
-    if paired:  # N independent pairs: the covariance of one pair over N; exact entities stay exact
-        sampled = set(sizes) - {0.0}
-        if len(sampled) > 1:
-            raise InputError(
-                "`size` must be one number with fusion='diagonal', which pairs the realizations, "
-                f"got N0, Nf, NA = {', '.join(f'{N:.0f}' if N else 'None' for N in sizes)}"
-            )
-        total = _rate(max(sampled, default=0.0))
-        N0, Nf, NA = (float(N > 0.0) for N in sizes)
-    of_xf = _rate(Nf) * _realization_covariance(xf)
-    C = of_xf + _product_covariance(A, x0, _rate(N0), _rate(NA), axis)
-    return B, np.asarray(total * C, dtype=np.float64)
+    systematic = validation.choice("scheme", scheme, types.SCHEMES) == "systematic"
+    if paired and systematic:
+        raise InputError("`fusion` must be 'product' with scheme='systematic', got 'diagonal'")
+    if paired and len(set(sizes) - {0}) > 1:
+        raise InputError(
+            "`size` must be one number with fusion='diagonal', which pairs the realizations, "
+            f"got N0, Nf, NA = {', '.join(str(N or None) for N in sizes)}"
+        )
+    law = rows, systematic, paired
+    return _core.fused_covariance(checked.A, (x0, xf), sizes, law, (B, control))

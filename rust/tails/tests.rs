@@ -89,3 +89,21 @@ fn wrong_arguments_are_errors() {
         assert!(FusedControl::new(wrong).is_err(), "{wrong:?}");
     }
 }
+
+#[test]
+fn covariances_by_hand_and_wrong_arguments() {
+    let of = |size, systematic| Sampling { size, systematic };
+    let stop = crate::Stop::new();
+    // Cv = 3 [[1, 1], [1, 1]]; of two systematic samples one count is 1 or 2: (4 / 2)^2 / 4
+    assert_eq!(of(2, false).covariances(&[3.0, -1.0], 2, &stop).unwrap(), [1.5; 4]);
+    assert_eq!(of(2, true).covariances(&[3.0, -1.0], 2, &stop).unwrap(), [1.0; 4]);
+    assert_eq!(of(8, true).mean_square(&[3.0, -1.0, 0.0, 0.0], 2).unwrap(), 0.0);
+    assert!(of(1 << 54, true).mean_square(&[3.0, -1.0], 2).is_err());
+    assert!(of(1, false).mean_square(&[1e200, 1e200], 2).is_err());
+    let a = Averaged { entries: &[1.0, 0.0, 2.0, 5.0], columns: 2, rows: false, average: of(1, false) };
+    assert_eq!(a.second_moment(&[1.0, 0.0, 0.0, 1.0]).unwrap(), [3.0, 0.0, 0.0, 31.0]);
+    assert!(a.second_moment(&[1.0]).is_err());
+    assert!(fused_covariance(a, [&[1.0], &[1.0]], [1, 1], false, None).is_err());
+    assert!(final_covariance(a, &[1.0, 1.0], &[1.0], [1, 1], &stop).is_err());
+    assert!(trajectory_covariances([a, a], of(1, false), &[1.0], &[1.0, 1.0], &stop).is_err());
+}

@@ -939,6 +939,7 @@ class ReadingLoop(ControlLoop[Reading]):
         new, now, more = copy.copy(self), self._window.now, np.zeros(model.m)
         new._policy = gain.K.copy()
         new._of(model, gain)
+        new._strays = 0
         new._require(new._rows, new._aimed[1])
         new._restore(new._saved())
         new._forward, new._fading = new._feed_forward(), (more, radius)
@@ -1033,7 +1034,8 @@ class ReadingLoop(ControlLoop[Reading]):
         ------
         InputError, InputTypeError
             As `certificate`; or if the window is not full, a reading in it was missing, inputs are
-            measured, the log says "unproved", or an input of the centre is beyond its limits.
+            measured, for many calls no system of the region explains the readings or one did not
+            come, or an input of the centre is beyond its limits.
 
         Notes
         -----
@@ -1056,8 +1058,8 @@ class ReadingLoop(ControlLoop[Reading]):
         proof, now = self.certificate(delta), self._window.now
         if now is None or not now[1] or not self._runs:
             raise InputError("`tube` needs a full window, of which no reading was missing")
-        if self._log and self._log[-1].status == "unproved":
-            raise InputError(f"`tube` has no proof: {self._log[-1].reason}")
+        if max(self._strays, *self._lost) >= STRAYS:
+            raise InputError("`tube` has no proof: readings do not follow the model or come")
         if self._measures:
             raise InputError("`tube` is for loops without measured inputs: their way is not known")
         K, model = validation.size("steps", steps), self.model

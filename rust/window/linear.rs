@@ -21,7 +21,7 @@ impl Window {
     /// The linear system of `theta` (n_y, d).
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::Memory`].
+    /// [`crate::Error::Shape`], [`crate::Error::Memory`].
     pub fn linear<'a>(&self, theta: impl Into<MatrixView<'a>>) -> Result<Linear> {
         let (n, m, d) = (self.states(), self.inputs(), self.length());
         let theta = theta.into().sized("theta", self.outputs(), d)?;

@@ -24,7 +24,7 @@ impl Window {
     /// How far the model `theta` (n_y, d) moves where outputs and inputs were always `y` and `u`.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`].
+    /// [`crate::Error::Shape`], [`crate::Error::NonFinite`], [`crate::Error::Memory`].
     pub fn rest<'a>(&self, theta: impl Into<MatrixView<'a>>, y: &[f64], u: &[f64]) -> Result<Rest> {
         let (p, d) = (self.outputs(), self.length());
         let theta = theta.into().finite("theta", p, d)?;

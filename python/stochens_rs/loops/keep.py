@@ -49,7 +49,7 @@ class Kept:
     limited changes of the inputs are below these, as in `names`. The promise begins with the first
     window of which every reading came.
 
-    The promise ends behind its calls, and where a state is not known or beyond its limits, a
+    The promise ends after its calls, and where a state is not known or beyond its limits, a
     reading is missing or rejected, another input acted than was returned, an input had to be cut to
     its limits, or the watch of the loop rings: `ended` and the log then say so. The loop goes on by
     such plans, from its estimate of the window, with status "unproved", until `reset`.
@@ -342,10 +342,9 @@ def cut(kept: Kept, v: Floats, u: Floats, acted: Floats) -> list[str]:
 
 
 def lapsed(kept: Kept, x: Floats) -> list[str]:
-    """The promise ends behind its calls, and where x is beyond a limit; what to say of it."""
+    """The promise ends after its calls, and where x is beyond a limit; what to say of it."""
     n, kept.count = len(x), kept.count + 1
-    low, high = kept.low[:n], kept.high[:n]
-    beyond = np.maximum(low - x, x - high) > 1e-9 * np.abs(x)
+    beyond = np.maximum(kept.low[:n] - x, x - kept.high[:n]) > 1e-9 * np.abs(x)
     if beyond.any():
         return kept.end(f"{kept.names[int(beyond.argmax())]} was beyond its limits")
     return kept.end("its calls are over") if kept.count > kept.calls + 1 else []

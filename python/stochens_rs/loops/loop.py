@@ -21,6 +21,7 @@ from ..export.header import write
 from ..feedback import Watch
 from ..plots.panels import Inputs, draw_calls
 from ..validation.held_out import Asked, PredictedLoop, Runs, Validation, validated_loop
+from .keep import Kept
 
 LOGGED = 1000  # calls that the log keeps
 # Made anew in a copy, from what `_saved` says.
@@ -58,6 +59,7 @@ class ControlLoop(Durable, Generic[Entry]):
     __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe", "_watch", "labels")
 
     _watch: Watch | None
+    kept: Kept | None
 
     def __init__(self, labels: Labels, safe: Floats) -> None:
         self.labels = labels  # of what is read, and of the inputs
@@ -325,10 +327,10 @@ class ControlLoop(Durable, Generic[Entry]):
     def _entered(self, entry: Entry, u: Floats, read: Floats, acted: Floats) -> Floats:
         """Write a call down, with what the watch says; what is returned is the caller's own."""
         if self.watch is not None:
-            found, of, own = self.watch(read, u, applied=acted), cast(Any, entry), cast(Any, self)
+            found, of = self.watch(read, u, applied=acted), cast(Any, entry)
             why = [] if of.reason is None else [of.reason]
-            if found.status == "alarm" and own.kept is not None:
-                why += own.kept.end("the watch rings")
+            if found.status == "alarm" and self.kept is not None:
+                why += self.kept.end("the watch rings")
             entry = of._replace(watch=found, reason="; ".join(why) or None)
         self._last = u
         self._calls += 1

@@ -262,8 +262,7 @@ class ReadingLoop(ControlLoop[Reading]):
         before = np.zeros(m) if task.previous is None else task.previous
         safe = before if hold is None else validation.vector("hold", hold, length=m).copy()
         first = np.clip(safe, self._low, self._high)
-        far = bool((np.abs(safe - before) > self._rate).any())
-        if hold is not None and (far or (first != safe).any()):
+        if hold is not None and ((first != safe) | (np.abs(safe - before) > self._rate)).any():
             raise InputError(
                 "`hold` must be within the limits of the inputs, and within `rate` of `previous`, "
                 f"got {safe.tolist()}"
@@ -560,7 +559,7 @@ class ReadingLoop(ControlLoop[Reading]):
         else:
             off[: len(x)] = x - xs
             if np.isfinite(self._rate).any():
-                # what acts may be where no step leads within the limits: the nearest that does
+                # the nearest input from which one step leads back within the limits
                 reached = np.clip(acted, self._low - self._rate, self._high + self._rate)
                 solver.follow(reached - us)
         if way is not None:
@@ -1059,7 +1058,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if now is None or not now[1] or not self._runs:
             raise InputError("`tube` needs a full window, of which no reading was missing")
         if max(self._strays, *self._lost) >= STRAYS:
-            raise InputError("`tube` has no proof: readings do not follow the model or come")
+            raise InputError("`tube` has no proof: readings are missing, or do not fit the model")
         if self._measures:
             raise InputError("`tube` is for loops without measured inputs: their way is not known")
         K, model = validation.size("steps", steps), self.model
@@ -1075,9 +1074,9 @@ class ReadingLoop(ControlLoop[Reading]):
             xs, us = self._point.moving(e, ways[k], slopes[k], self._moves[2])
             u = self._policy @ (x - xs) + forward[k] + us + more * by**k
         changes = np.abs(np.diff(inputs, axis=0, prepend=self._acted[None]))
-        cut = (np.clip(inputs, self._low, self._high) != inputs) | (changes > 1.000001 * self._rate)
-        if cut.any():
-            k, j = np.argwhere(cut)[0]
+        far = (np.clip(inputs, self._low, self._high) != inputs) | (changes > 1.000001 * self._rate)
+        if far.any():
+            k, j = np.argwhere(far)[0]
             raise InputError(
                 f"`tube` is about inputs within limits: {model.input_names[j]} of the centre, "
                 f"{inputs[k, j]:.3g}, would be cut in step {k}"
